@@ -187,7 +187,8 @@ impl PySimulation {
     }
 
     /// The same with what was done from outside: the head and colliders move by keyframes as they
-    /// were moved, and colliders that were added or removed are there from and until then.
+    /// were moved, and colliders that were added or removed appear and disappear. Without history
+    /// nothing of this is recorded.
     #[getter]
     fn performed_scene(&self) -> PyScene {
         PyScene { scene: self.state().player.performed_scene().into() }

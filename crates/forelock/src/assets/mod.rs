@@ -35,7 +35,7 @@ use crate::sdf_cache::CellSizes;
 pub(crate) use character::BendingSolid;
 pub use character::Names;
 use solids::Body;
-pub(crate) use solids::Solid;
+pub(crate) use solids::{ROUNDING_SECS, Solid};
 
 /// Times of a performance that a fingerprint is made of.
 const MOMENTS: u32 = 16;
@@ -399,7 +399,11 @@ impl Assets {
     /// All solids but a body that bends, in the frame between two `times` (seconds) at which the
     /// body is at `head`.
     pub fn collider_frames(&self, times: [f64; 2], head: [Pose; 2]) -> Vec<ColliderFrame<'_>> {
-        let solids = self.solids.iter().filter(|solid| solid.is_there(times));
+        let is_instant = times[0] == times[1];
+        let is_there = |solid: &&Arc<Solid>| {
+            if is_instant { solid.is_there(times[0]) } else { solid.acts_between(times) }
+        };
+        let solids = self.solids.iter().filter(is_there);
         solids.map(|solid| solid.frame(times, head)).collect()
     }
 

@@ -24,7 +24,7 @@ const COLLIDER_CELLS: u32 = 96;
 const SEQUENCE_FPS: f64 = 24.0;
 
 /// Times that are closer are the same, seconds.
-const ROUNDING_SECS: f64 = 1e-9;
+pub(crate) const ROUNDING_SECS: f64 = 1e-9;
 
 /// What hair grows on.
 #[derive(Debug)]
@@ -157,20 +157,23 @@ impl Solid {
         ColliderFrame { shape, local: self.base, from, to, friction: self.friction }
     }
 
-    /// Whether it is there in a step between two `times`, or at one time, seconds.
-    pub(crate) fn is_there(&self, times: [f64; 2]) -> bool {
+    /// Whether it is there at `secs`.
+    pub(crate) fn is_there(&self, secs: f64) -> bool {
         let [from, until] = self.present;
-        if times[0] == times[1] {
-            return from <= times[0] + ROUNDING_SECS && times[0] <= until + ROUNDING_SECS;
-        }
-        // What appears at the end of a step, or disappears at its start, has no part in it.
+        from <= secs + ROUNDING_SECS && secs <= until + ROUNDING_SECS
+    }
+
+    /// Whether it takes part in a step between two `times`, seconds: not if it appears at the end of
+    /// the step or disappears at its start.
+    pub(crate) fn acts_between(&self, times: [f64; 2]) -> bool {
+        let [from, until] = self.present;
         times[1] - from > ROUNDING_SECS && until - times[0] > ROUNDING_SECS
     }
 
     /// The mesh for a picture at `time` seconds, if the solid is there and visible: the nearest of
     /// its sequence.
     pub(crate) fn mesh_at(&self, time: f64) -> Option<&TriMesh> {
-        let shown = if self.visible && self.is_there([time; 2]) { &self.meshes[..] } else { &[] };
+        let shown = if self.visible && self.is_there(time) { &self.meshes[..] } else { &[] };
         shown.get(nearest(time * self.sequence_fps, shown.len()))
     }
 
@@ -268,7 +271,7 @@ pub(super) fn solid(section: &ColliderSection, fps: f64, meter: &Meter) -> Resul
         on_body: section.on_body,
         base: Pose::new(motion::rotation(section.rotation_degrees), position),
         motion: Arc::new(motion::from_section(&section.motion, position)?),
-        present: [section.from_secs, section.until_secs.unwrap_or(f64::INFINITY)],
+        present: [section.from_secs.unwrap_or(0.0), section.until_secs.unwrap_or(f64::INFINITY)],
         visible: section.visible,
         meshes,
         sequence_fps,

@@ -125,7 +125,8 @@ impl PlayerBuilder {
         let groom = skinning.as_ref().map_or(&assets.groom, Skinning::guides);
         let live = Live::new(&scene, &assets, &solvers)?;
         let mut bending = Bending::new(&assets, groom);
-        let solids: Vec<_> = live.measured_solids(&assets).into_iter().map(|solid| solid.frame).collect();
+        let solids: Vec<_> =
+            live.measured_solids(&assets, true).into_iter().map(|solid| solid.frame).collect();
         let start = Start { head: live.head_at, solids: &solids };
         let bends_on_cpu = bending.is_some() && backend == Backend::Auto;
         let backend = if bends_on_cpu { Backend::Cpu } else { backend };

@@ -94,7 +94,8 @@ impl Player {
     /// [`PlayerError::Asset`] if a file that it names cannot be used.
     pub fn add_collider(&mut self, collider: &ColliderSection) -> Result<ColliderId, PlayerError> {
         let solid = Arc::new(assets::solid(collider, self.live.fps)?);
-        let id = ColliderId(self.live.next_collider);
+        // A collider that was added later, before going back, has a number already.
+        let id = ColliderId(self.live.next_collider.max(self.timeline.next_collider()));
         self.make(Change::AddCollider(id, solid, Arc::new(collider.clone())))?;
         Ok(id)
     }
@@ -155,11 +156,11 @@ impl Player {
                 Ok(())
             }
             Change::AddCollider(..) | Change::RemoveCollider(_) => {
-                self.live.pose(change)?;
+                self.live.apply_pose(change)?;
                 Ok(self.engine.simulator().forget_solids()?)
             }
             Change::Motion(_) | Change::HeadPose(_) | Change::Teleport(_) | Change::ColliderPose(..) => {
-                self.live.pose(change)
+                self.live.apply_pose(change)
             }
             Change::Edit(edit) => self.apply_edit(edit).map(drop),
         }
@@ -198,9 +199,9 @@ impl Player {
 }
 
 impl Live {
-    /// Applies `change` to the head and to the solids; those of anything else do nothing. Nothing
-    /// has changed after an error.
-    pub(super) fn pose(&mut self, change: &Change) -> Result<(), PlayerError> {
+    /// Applies `change` to the head and to the solids. Other changes are ignored. Nothing has
+    /// changed after an error.
+    pub(super) fn apply_pose(&mut self, change: &Change) -> Result<(), PlayerError> {
         match change {
             Change::Motion(motion) => self.head = Track::Motion(motion.clone()),
             Change::HeadPose(pose) => self.head = self.drag(self.head_at, *pose)?,
@@ -217,7 +218,7 @@ impl Live {
                 let track = Track::Motion(solid.motion().clone());
                 let at = track.pose(self.simulated_secs());
                 let now = solid.carrier(&self.head_shown, &track.pose(self.shown_secs()));
-                let was_there = solid.is_there([self.shown_secs(); 2]);
+                let was_there = solid.is_there(self.shown_secs());
                 let solid = solid.clone();
                 self.solids.push(LiveSolid { id: *id, solid, track, at, shown: [now; 2], was_there });
                 self.next_collider = id.0 + 1;

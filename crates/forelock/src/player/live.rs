@@ -147,7 +147,7 @@ impl LiveSolid {
         let track = Track::Motion(solid.motion().clone());
         let at = track.pose(0.0);
         let shown = [solid.carrier(head, &at); 2];
-        let was_there = solid.is_there([0.0; 2]);
+        let was_there = solid.is_there(0.0);
         Self { id: ColliderId(id), solid: solid.clone(), track, at, shown, was_there }
     }
 }
@@ -265,8 +265,9 @@ impl Live {
         }
     }
 
-    /// All solids from the frame before to the one that is shown, with their exact surfaces.
-    pub fn measured_solids<'a>(&'a self, assets: &'a Assets) -> Vec<MeasuredSolid<'a>> {
+    /// The solids of the last step, or all that there ever are, from the frame before to the one
+    /// that is shown, with their exact surfaces.
+    pub fn measured_solids<'a>(&'a self, assets: &'a Assets, ever: bool) -> Vec<MeasuredSolid<'a>> {
         let skin = self.shown_skin.get_or_init(|| {
             let secs = self.bends_until(self.shown_secs());
             ShownSkin::new(assets, secs).map(Arc::new)
@@ -274,17 +275,16 @@ impl Live {
         let head = [self.head_shown; 2];
         let skin = skin.as_ref().zip(assets.bending_solid()).map(|(skin, solid)| skin.measured(solid, head));
         let secs = self.frame_secs(self.frame.saturating_sub(1));
-        let now = [self.shown_secs(); 2];
-        let others = self.solids.iter().filter(|live| live.solid.is_there(now)).map(|live| MeasuredSolid {
+        let others = self.solids.iter().filter(|live| ever || live.was_there).map(|live| MeasuredSolid {
             frame: live.solid.frame_between(secs, live.shown),
             surface: live.solid.surface(),
         });
         skin.into_iter().chain(others).collect()
     }
 
-    /// Moves the head and the solids on by a frame, without hair; `stepped` gets the time of each
-    /// step's end.
-    pub fn pass_frame(&mut self, mut stepped: impl FnMut(f64, &Self)) {
+    /// Moves the head and the solids on by a frame, without hair. `stepped` is called after each
+    /// step, with its start and end, seconds, and whether the head was teleported in it.
+    pub fn follow_frame(&mut self, mut stepped: impl FnMut(&Self, [f64; 2], bool)) {
         let end_secs = self.frame_secs(self.frame + 1);
         let ends: Vec<f64> = match self.own_clock {
             None => vec![end_secs],
@@ -292,11 +292,12 @@ impl Live {
                 (clock.done..clock.steps_until(end_secs)).map(|step| clock.secs(step + 1)).collect()
             }
         };
-        // A teleport takes the head to its place at once.
-        if let (Some(_), Track::Drag(drag)) = (self.teleport.take(), &mut self.head) {
-            drag.from = drag.to;
-        }
         for secs in ends {
+            let start_secs = self.simulated_secs();
+            let teleport = self.teleport.take();
+            if let (Some(_), Track::Drag(drag)) = (teleport, &mut self.head) {
+                drag.from = drag.to;
+            }
             self.head_at = self.head.pose(secs);
             for live in &mut self.solids {
                 live.at = live.track.pose(secs);
@@ -304,7 +305,7 @@ impl Live {
             if let Some(clock) = &mut self.own_clock {
                 clock.done += 1;
             }
-            stepped(secs, self);
+            stepped(self, [start_secs, secs], teleport.is_some());
         }
         self.show_next_frame();
     }

@@ -241,7 +241,7 @@ impl Player {
     /// All solids at the present frame.
     pub fn colliders(&self) -> impl Iterator<Item = ColliderView<'_>> {
         let secs = self.time_secs();
-        let solids = self.live.solids.iter().filter(move |live| live.solid.is_there([secs; 2]));
+        let solids = self.live.solids.iter().filter(move |live| live.solid.is_there(secs));
         solids.map(move |live| ColliderView {
             id: live.id,
             pose: live.shown[1].after(live.solid.base()),
@@ -266,7 +266,7 @@ impl Player {
 
     /// Whether hair collides with anything.
     pub fn has_solids(&self) -> bool {
-        !self.measured_solids().is_empty()
+        self.assets.bending_solid().is_some() || !self.live.solids.is_empty()
     }
 
     /// Measures how much of the hair lies inside solids at the present frame: `positions` are those
@@ -275,10 +275,16 @@ impl Player {
         Penetration::measure(positions, self.layout(), &self.measured_solids())
     }
 
-    /// All solids at the present frame, as [`Penetration::measure`] needs them, in the order of
-    /// [`Player::collider_frames`].
+    /// The solids of the last step at the present frame, as [`Penetration::measure`] needs them, in
+    /// the order of [`Player::collider_frames`].
     pub fn measured_solids(&self) -> Vec<MeasuredSolid<'_>> {
-        self.live.measured_solids(&self.assets)
+        self.live.measured_solids(&self.assets, false)
+    }
+
+    /// Makes the surfaces that hair is measured against, which are otherwise made when they are
+    /// needed first.
+    pub(crate) fn prepare_surfaces(&self) {
+        drop(self.live.measured_solids(&self.assets, true));
     }
 
     /// Sums over all frames so far.

@@ -141,7 +141,7 @@ impl Player {
     pub fn parameters(&self) -> Parameters {
         let setting = &self.live.setting;
         let wind = setting.wind.params();
-        // The wind that blows has both seeds.
+        // The seed of the running wind is the sum of the scene's seed and the wind's own.
         let seed = wind.seed.wrapping_sub(self.scene.seed);
         Parameters {
             solver: (*setting.solver).clone(),
@@ -151,19 +151,31 @@ impl Player {
         }
     }
 
-    /// The scene with the changes that were made while it ran and are in effect: solver,
-    /// interaction, wind and gravity as they are now, and the edits from outside as edits before
-    /// the first frame. Motions and poses from outside, and added colliders, are no part of it: see
-    /// [`Player::performed_scene`].
+    /// The scene with all changes that were made while it ran: solver, interaction, wind and gravity
+    /// as they were set last, and the edits from outside as edits before the first frame. It does
+    /// not depend on the frame that is shown. Motions and poses from outside, and added colliders,
+    /// are no part of it: see [`Player::performed_scene`].
     pub fn changed_scene(&self) -> Scene {
         let Parameters { solver, interaction, wind, gravity } = self.parameters();
         let mut scene = Scene { solver, interaction, wind, gravity, ..(*self.scene).clone() };
+        for change in self.timeline.all() {
+            match change {
+                Change::Solver(solver) => scene.solver = (**solver).clone(),
+                Change::Interaction(interaction) => scene.interaction = (**interaction).clone(),
+                Change::Wind(wind) => scene.wind = wind.clone(),
+                Change::Gravity(gravity) => scene.gravity = gravity.to_array(),
+                Change::Edit(edit) => {
+                    scene.edits.0.push(EditSection { edit: (**edit).clone(), at_secs: None });
+                }
+                Change::Motion(_)
+                | Change::HeadPose(_)
+                | Change::Teleport(_)
+                | Change::ColliderPose(..)
+                | Change::AddCollider(..)
+                | Change::RemoveCollider(_) => {}
+            }
+        }
         scene.time.substep_secs = scene.solver.substep_secs();
-        let edits = self.timeline.applied(self.live.applied).filter_map(|change| match change {
-            Change::Edit(edit) => Some(EditSection { edit: (**edit).clone(), at_secs: None }),
-            _ => None,
-        });
-        scene.edits.0.extend(edits);
         scene
     }
 }

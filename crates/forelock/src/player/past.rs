@@ -84,7 +84,11 @@ impl Player {
     /// Repeats the recorded changes that are due at the present frame.
     pub(super) fn repeat_due_changes(&mut self) -> Result<(), PlayerError> {
         while let Some(change) = self.timeline.due(self.live.applied, self.live.frame).cloned() {
-            self.apply(&change)?;
+            match self.apply(&change) {
+                // The change that added it was undone.
+                Err(PlayerError::NoCollider(_)) => {}
+                done => done?,
+            }
             self.live.applied += 1;
         }
         Ok(())

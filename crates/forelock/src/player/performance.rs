@@ -3,11 +3,11 @@
 //! # Practice
 //! The recorded changes are followed once more from frame to frame, without hair. The head and the
 //! solids that were moved from outside get a linear keyframe at each step and frame. A solid that
-//! was added or removed is there from and until that time.
+//! was added or removed appears or disappears at that time.
 //!
 //! # Limitations
 //! The motion of a body that bends stays that of the scene. Within a step keyframes interpolate
-//! angles, a drag the rotation itself.
+//! angles, while a drag interpolates the rotation. A jump within a step takes all of the step.
 
 use forelock_core::body::{KeyframeInterpolation, Motion};
 use forelock_core::pose::Pose;
@@ -17,41 +17,53 @@ use super::live::{Live, LiveSolid};
 use super::timeline::Change;
 use super::track::Track;
 use super::{ColliderId, Player};
+use crate::assets::ROUNDING_SECS;
 use crate::scene::{ColliderSection, Keyframe, MotionSection, Scene, TeleportSection};
 
-/// Times that are closer are the same, seconds.
-const ROUNDING_SECS: f64 = 1e-9;
-
-/// The poses of something over time.
+/// The motion of something.
 #[derive(Debug, Default)]
 struct Course {
-    /// Times and poses, in order of time.
-    poses: Vec<(f64, Pose)>,
+    /// In order of time.
+    poses: Vec<TimedPose>,
     /// Whether it was moved from outside.
     is_moved: bool,
 }
 
-/// A solid of the scene, or one that was added.
+/// A pose of a [`Course`].
+#[derive(Clone, Copy, Debug)]
+struct TimedPose {
+    secs: f64,
+    pose: Pose,
+    /// Whether the pose before jumps to this one.
+    jumps: bool,
+}
+
+/// A collider of the scene, or one that was added.
 #[derive(Debug)]
-struct Performer {
+struct RecordedSolid {
     id: ColliderId,
     section: ColliderSection,
     course: Course,
 }
 
-/// All that moves but hair.
+/// The motion of the head and of all colliders.
 #[derive(Debug)]
-struct Cast {
+struct Recording {
     head: Course,
-    solids: Vec<Performer>,
+    solids: Vec<RecordedSolid>,
+    /// Whether colliders were added or removed.
+    is_changed: bool,
 }
 
 impl Player {
-    /// The [changed scene](Player::changed_scene) with what was done from outside: motions and
-    /// poses of the head and of colliders become keyframes, one a step and frame, until the last
-    /// frame that was simulated, and colliders that were added or removed are there from and until
-    /// then. If anything was moved, a run of the scene has at least that many frames. The motion of
-    /// a body that bends stays that of the scene.
+    /// The [changed scene](Player::changed_scene) with what was done from outside. Motions and poses
+    /// of the head and of colliders become keyframes, one a step and frame, until the last frame
+    /// that was simulated. A collider that was added or removed appears or disappears at that time.
+    /// If any of this was done, a run of the scene has at least that many frames.
+    ///
+    /// # Limitations
+    /// The motion of a body that bends stays that of the scene, and so does whether hair collides
+    /// with the body. A player without history records nothing.
     ///
     /// ```
     /// use forelock::core::pose::Pose;
@@ -76,7 +88,8 @@ impl Player {
     pub fn performed_scene(&self) -> Scene {
         let mut scene = self.changed_scene();
         let mut live = self.start.clone();
-        let mut cast = Cast::new(&live, std::mem::take(&mut scene.colliders));
+        let bends = matches!(&live.head, Track::Motion(own) if matches!(**own, Motion::Joint(_)));
+        let mut recording = Recording::new(&live, std::mem::take(&mut scene.colliders));
         let mut applied = 0;
         loop {
             let secs = live.simulated_secs();
@@ -88,66 +101,71 @@ impl Player {
                             live.set_solver(solver.clone(), params.into());
                         }
                     }
-                    Change::Teleport(mode) => {
-                        let at_secs = secs + live.step_secs();
+                    Change::Teleport(mode) if !bends && live.frame < self.reached => {
+                        // Within the next step.
+                        let at_secs = secs + 0.5 * live.step_secs();
                         scene.teleports.push(TeleportSection { at_secs, mode: *mode });
                     }
-                    _ => cast.follow(change, secs),
+                    _ => recording.note(change, secs),
                 }
-                // What was recorded could be applied.
-                let _ = live.pose(change);
+                // It could be applied when it was recorded, unless its collider was undone since.
+                let _ = live.apply_pose(change);
             }
             if live.frame >= self.reached {
                 break;
             }
-            live.pass_frame(|secs, live| cast.record(secs, live));
-            cast.record_shown(&live);
+            live.follow_frame(|live, times, teleported| recording.record(live, times, teleported));
+            recording.record_shown(&live);
         }
-        let bends = matches!(&self.start.head, Track::Motion(own) if matches!(**own, Motion::Joint(_)));
-        cast.head.is_moved &= !bends;
-        if cast.head.is_moved || cast.solids.iter().any(|own| own.course.is_moved) {
+        recording.head.is_moved &= !bends;
+        if recording.has_changes() {
             scene.time.frames = scene.time.frames.max(self.reached);
         }
-        if cast.head.is_moved {
-            scene.body.motion = cast.head.motion();
+        if recording.head.is_moved {
+            scene.body.motion = recording.head.motion();
         }
-        scene.colliders = cast.solids.into_iter().filter_map(Performer::section).collect();
+        scene.colliders = recording.solids.into_iter().filter_map(RecordedSolid::section).collect();
         scene
     }
 }
 
-impl Performer {
+impl RecordedSolid {
     /// As a scene says it; none if it was there for no step.
     fn section(self) -> Option<ColliderSection> {
         let Self { section, course, .. } = self;
-        let is_there = section.until_secs.is_none_or(|until| until > section.from_secs);
+        let from = section.from_secs.unwrap_or(0.0);
+        let is_there = section.until_secs.is_none_or(|until| until > from);
         let motion = if course.is_moved { course.motion() } else { section.motion.clone() };
         is_there.then_some(ColliderSection { motion, ..section })
     }
 }
 
-impl Cast {
-    /// The head and the solids of a scene at the start, `sections`.
+impl Recording {
+    /// The head and the colliders of a scene at the start, `sections`.
     fn new(live: &Live, sections: Vec<ColliderSection>) -> Self {
-        // The body, if it is a solid, comes before those of the scene.
+        // The body, if it is a collider, comes before those of the scene.
         let first = live.solids.len().saturating_sub(sections.len());
-        let own = live.solids[first..].iter().zip(sections);
-        let performer = |(live, section): (&LiveSolid, ColliderSection)| Performer {
-            id: live.id,
-            section,
-            course: Course::default(),
+        let solid = |(live, section): (&LiveSolid, ColliderSection)| {
+            let mut course = Course::default();
+            course.push(0.0, live.at, false);
+            RecordedSolid { id: live.id, section, course }
         };
-        let mut cast = Self { head: Course::default(), solids: own.map(performer).collect() };
-        cast.record(0.0, live);
-        cast
+        let solids = live.solids[first..].iter().zip(sections).map(solid).collect();
+        let mut head = Course::default();
+        head.push(0.0, live.head_at, false);
+        Self { head, solids, is_changed: false }
     }
 
-    fn solid(&mut self, id: ColliderId) -> Option<&mut Performer> {
+    fn has_changes(&self) -> bool {
+        self.is_changed || self.head.is_moved || self.solids.iter().any(|own| own.course.is_moved)
+    }
+
+    fn solid(&mut self, id: ColliderId) -> Option<&mut RecordedSolid> {
         self.solids.iter_mut().find(|own| own.id == id)
     }
 
     /// Notes what a change at `secs` moves, adds or removes.
-    fn follow(&mut self, change: &Change, secs: f64) {
+    fn note(&mut self, change: &Change, secs: f64) {
         match change {
             Change::Motion(_) | Change::HeadPose(_) => self.head.is_moved = true,
             Change::ColliderPose(id, _) => {
@@ -156,14 +174,18 @@ impl Cast {
                 }
             }
             Change::AddCollider(id, solid, section) => {
-                let from_secs = section.from_secs.max(secs);
+                let from = section.from_secs.unwrap_or(0.0).max(secs);
+                let from_secs = (from > 0.0).then_some(from);
                 let section = ColliderSection { from_secs, ..(**section).clone() };
-                let course = Course { poses: vec![(secs, solid.motion().pose(secs))], is_moved: false };
-                self.solids.push(Performer { id: *id, section, course });
+                let mut course = Course::default();
+                course.push(secs, solid.motion().pose(secs), false);
+                self.solids.push(RecordedSolid { id: *id, section, course });
+                self.is_changed = true;
             }
             Change::RemoveCollider(id) => {
-                if let Some(Performer { section, .. }) = self.solid(*id) {
+                if let Some(RecordedSolid { section, .. }) = self.solid(*id) {
                     section.until_secs = Some(section.until_secs.map_or(secs, |until| until.min(secs)));
+                    self.is_changed = true;
                 }
             }
             Change::Solver(_)
@@ -175,12 +197,13 @@ impl Cast {
         }
     }
 
-    /// Adds the poses at `secs`, the end of a step.
-    fn record(&mut self, secs: f64, live: &Live) {
-        self.head.poses.push((secs, live.head_at));
+    /// Adds the poses at the end of a step between two `times`.
+    fn record(&mut self, live: &Live, times: [f64; 2], teleported: bool) {
+        let jumps = teleported || live.head.jump_between(times).is_some();
+        self.head.push(times[1], live.head_at, jumps);
         for own in &mut self.solids {
             if let Some(solid) = live.solids.iter().find(|solid| solid.id == own.id) {
-                own.course.poses.push((secs, solid.at));
+                own.course.push(times[1], solid.at, solid.track.jump_between(times).is_some());
             }
         }
     }
@@ -201,28 +224,38 @@ impl Cast {
 }
 
 impl Course {
-    /// Adds a pose at `secs` where none is.
+    /// Adds the pose at `secs`, in place of those at that time and after it: a change of the solver
+    /// can set its clock back within a step.
+    fn push(&mut self, secs: f64, pose: Pose, jumps: bool) {
+        while self.poses.last().is_some_and(|last| last.secs > secs - ROUNDING_SECS) {
+            self.poses.pop();
+        }
+        self.poses.push(TimedPose { secs, pose, jumps });
+    }
+
+    /// Adds a pose at `secs`, within the last step, if there is none and nothing jumps there.
     fn insert(&mut self, secs: f64, pose: Pose) {
-        let before = self.poses.partition_point(|(own, _)| *own < secs - ROUNDING_SECS);
-        if self.poses.get(before).is_none_or(|(own, _)| *own > secs + ROUNDING_SECS) {
-            self.poses.insert(before, (secs, pose));
+        let next = self.poses.partition_point(|own| own.secs < secs - ROUNDING_SECS);
+        if self.poses.get(next).is_none_or(|own| own.secs > secs + ROUNDING_SECS && !own.jumps) {
+            self.poses.insert(next, TimedPose { secs, pose, jumps: false });
         }
     }
 
     /// The motion through the poses.
     fn motion(&self) -> MotionSection {
         let mut keyframes: Vec<Keyframe> = Vec::with_capacity(self.poses.len() + 1);
-        let mut before = DVec3::ZERO;
-        for (time_secs, pose) in &self.poses {
-            before = nearest_angles(pose.rotation, before);
+        let mut angles = DVec3::ZERO;
+        for own in &self.poses {
+            angles = nearest_angles(own.pose.rotation, angles);
             let next = Keyframe {
-                time_secs: *time_secs,
-                translation: pose.translation.to_array(),
-                rotation_degrees: before.to_array(),
+                time_secs: own.secs,
+                translation: own.pose.translation.to_array(),
+                rotation_degrees: angles.to_array(),
+                jump: own.jumps,
                 ..Keyframe::default()
             };
             // Motions begin at 0.
-            if keyframes.is_empty() && *time_secs > 0.0 {
+            if keyframes.is_empty() && own.secs > 0.0 {
                 keyframes.push(Keyframe { time_secs: 0.0, ..next });
             }
             // Of those at rest the first and the last count.
@@ -243,6 +276,7 @@ impl Course {
     }
 }
 
+/// Whether both have one pose, between which nothing jumps.
 fn at_same_place(a: &Keyframe, b: &Keyframe) -> bool {
     (a.translation, a.rotation_degrees) == (b.translation, b.rotation_degrees)
 }

@@ -111,7 +111,7 @@ impl Player {
             jumped |= across.is_some();
             let from = across.map_or(live.at, |across| across.after(&live.at));
             let to = live.track.pose(times[1]);
-            let is_there = live.solid.is_there(times);
+            let is_there = live.solid.acts_between(times);
             jumped |= is_there != live.was_there;
             ends.push((to, is_there));
             if is_there {
@@ -235,7 +235,7 @@ impl Player {
         let HeadStep { poses, jump } = self.head_step(times);
         jump.iter().for_each(|jump| self.live.counters.add_jump(jump));
         for live in &mut self.live.solids {
-            (live.at, live.was_there) = (live.track.pose(times[1]), live.solid.is_there(times));
+            (live.at, live.was_there) = (live.track.pose(times[1]), live.solid.acts_between(times));
         }
         self.live.step_heads = poses;
         self.live.head_at = poses[1];

@@ -81,9 +81,18 @@ impl Timeline {
         self.changes.get(index).filter(|recorded| recorded.frame <= frame).map(|recorded| &recorded.change)
     }
 
-    /// The first `count` changes.
-    pub fn applied(&self, count: usize) -> impl Iterator<Item = &Change> {
-        self.changes.iter().take(count).map(|recorded| &recorded.change)
+    /// All changes.
+    pub fn all(&self) -> impl Iterator<Item = &Change> {
+        self.changes.iter().map(|recorded| &recorded.change)
+    }
+
+    /// A number above those of all colliders that were added.
+    pub fn next_collider(&self) -> u32 {
+        let added = self.changes.iter().chain(&self.undone).filter_map(|recorded| match &recorded.change {
+            Change::AddCollider(id, ..) => Some(id.0 + 1),
+            _ => None,
+        });
+        added.max().unwrap_or(0)
     }
 
     /// What [`Timeline::undo`] and [`Timeline::redo`] would move: the names.

@@ -249,7 +249,7 @@ impl<'a> Run<'a> {
         let frames = self.player.scene().time.frames;
         let done = self.so_far.frame.into();
         // Surfaces to measure against are made here, not in the first frame that is measured.
-        drop(self.player.measured_solids());
+        self.player.prepare_surfaces();
         observer(&Progress::Begin { what: SIMULATING, done, total: frames.into() });
         let mut clock = FrameClock::start();
         while self.so_far.frame < frames && !cancel.load(Ordering::SeqCst) {

@@ -272,8 +272,9 @@ fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
             "is \"mesh\", but there is no `mesh` file: name one".to_owned(),
         ));
     }
-    if collider.until_secs.is_some_and(|until| until <= collider.from_secs) {
-        let message = format!("must be later than `from_secs`, {}", collider.from_secs);
+    let from = collider.from_secs.unwrap_or(0.0);
+    if collider.until_secs.is_some_and(|until| until <= from) {
+        let message = format!("should be later than `from_secs`, {from}");
         return Err((format!("{key}.until_secs"), message));
     }
     check_motion(&format!("{key}.motion"), &collider.motion)

@@ -345,8 +345,9 @@ pub struct ColliderSection {
     /// How it moves: a name such as "builtin:nod", or a table. Default "builtin:still".
     pub motion: MotionSection,
     /// When it appears. Unit s, default 0, range 0 to 1e6.
-    pub from_secs: f64,
-    /// When it disappears. Unit s, default never, range 0 to 1e6.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub from_secs: Option<f64>,
+    /// When it disappears, after `from_secs`. Unit s, default never, range 0 to 1e6.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub until_secs: Option<f64>,
     /// Coulomb friction of its surface. No unit, default 0.3, range 0 to 100; 0 is ice.
@@ -386,7 +387,7 @@ impl Default for ColliderSection {
             sdf_near_cell: None,
             on_body: false,
             motion: MotionSection::default(),
-            from_secs: 0.0,
+            from_secs: None,
             until_secs: None,
             friction: 0.3,
             visible: true,

@@ -504,3 +504,72 @@ fn the_scalp_shows_where_hair_was_removed() {
     player.undo().unwrap();
     assert_eq!(covered(&mut player), before);
 }
+
+#[test]
+fn a_saved_scene_jumps_where_the_head_was_teleported() {
+    for fps in ["time.fps=60", "time.fps=240"] {
+        let mut first = player(&[fps, "body.motion=builtin:still"]);
+        let at = |k: i32| Pose::new(DQuat::IDENTITY, DVec3::new(0.3 * f64::from(k % 2), 0.0, 0.0));
+        let mut heads = vec![first.head_pose()];
+        for k in 0..40 {
+            if k >= 30 {
+                first.set_head_pose(at(k)).unwrap();
+                first.teleport(Teleport::CarryShape).unwrap();
+            }
+            run(&mut first, 1);
+            heads.push(first.head_pose());
+        }
+        let mut again = Player::new(first.performed_scene()).unwrap();
+        for head in &heads[1..] {
+            run(&mut again, 1);
+            assert!(again.head_pose().translation.distance(head.translation) < 1e-9, "{}", again.frame());
+        }
+        let counted = |player: &Player| (player.counters().teleports, player.counters().undeclared_jumps);
+        assert_eq!(counted(&again), counted(&first), "{fps}");
+        assert!(farthest(&positions(&mut again), &positions(&mut first)) < 1e-5, "{fps}");
+    }
+}
+
+#[test]
+fn saved_scenes_have_all_changes_whatever_frame_is_shown() {
+    let mut player = player(&[]);
+    run(&mut player, 3);
+    let add = |player: &mut Player, x: f64| {
+        let position = [x, 0.0, 0.3];
+        player.add_collider(&ColliderSection { radius: Some(0.02), position, ..ColliderSection::default() })
+    };
+    let move_to = |player: &mut Player, id: ColliderId, x: f64| {
+        player.set_collider_pose(id, Pose::new(DQuat::IDENTITY, DVec3::new(x, 0.0, 0.3))).unwrap();
+        run(player, 2);
+    };
+    let late = add(&mut player, 0.1).unwrap();
+    move_to(&mut player, late, 0.2);
+    player.edit(Operation::Trim(Trim { to: 0.12, ..Trim::default() })).unwrap();
+    player.set_gravity(DVec3::new(0.0, -5.0, 0.0)).unwrap();
+    run(&mut player, 1);
+    // One that is added before it has another number.
+    player.seek(1).unwrap();
+    let early = add(&mut player, -0.1).unwrap();
+    assert_ne!(early, late);
+    move_to(&mut player, early, -0.2);
+    run(&mut player, 6);
+    player.seek(0).unwrap();
+    let saved = player.performed_scene();
+    assert_eq!((saved.edits.0.len(), saved.gravity[1]), (1, -5.0));
+    let ends: Vec<f64> =
+        saved.colliders.iter().map(|own| own.motion.keyframes.last().unwrap().translation[0]).collect();
+    assert!((ends[0] + 0.1).abs() < 1e-9 && (ends[1] - 0.1).abs() < 1e-9, "{ends:?}");
+    // What moved a collider is ignored where adding it was undone.
+    player.seek(9).unwrap();
+    for _ in 0..4 {
+        player.undo().unwrap();
+    }
+    run(&mut player, 3);
+    assert_eq!(player.performed_scene().colliders.len(), 0);
+    // A run is long enough for one that was only added.
+    run(&mut player, 300);
+    add(&mut player, 0.1).unwrap();
+    run(&mut player, 2);
+    let saved = player.performed_scene();
+    assert_eq!((saved.colliders.len(), saved.time.frames), (1, 314));
+}
