@@ -163,8 +163,8 @@ impl Solid {
         from <= secs + ROUNDING_SECS && secs <= until + ROUNDING_SECS
     }
 
-    /// Whether it takes part in a step between two `times`, seconds: not if it appears at the end of
-    /// the step or disappears at its start.
+    /// Whether it takes part in a step between two `times`, seconds: not if it appears at the end
+    /// of the step or disappears at its start.
     pub(crate) fn acts_between(&self, times: [f64; 2]) -> bool {
         let [from, until] = self.present;
         times[1] - from > ROUNDING_SECS && until - times[0] > ROUNDING_SECS

@@ -151,10 +151,10 @@ impl Player {
         }
     }
 
-    /// The scene with all changes that were made while it ran: solver, interaction, wind and gravity
-    /// as they were set last, and the edits from outside as edits before the first frame. It does
-    /// not depend on the frame that is shown. Motions and poses from outside, and added colliders,
-    /// are no part of it: see [`Player::performed_scene`].
+    /// The scene with all changes that were made while it ran: solver, interaction, wind and
+    /// gravity as they were set last, and the edits from outside as edits before the first frame.
+    /// It does not depend on the frame that is shown. Motions and poses from outside, and added
+    /// colliders, are no part of it: see [`Player::performed_scene`].
     pub fn changed_scene(&self) -> Scene {
         let Parameters { solver, interaction, wind, gravity } = self.parameters();
         let mut scene = Scene { solver, interaction, wind, gravity, ..(*self.scene).clone() };

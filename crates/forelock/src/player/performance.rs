@@ -56,10 +56,10 @@ struct Recording {
 }
 
 impl Player {
-    /// The [changed scene](Player::changed_scene) with what was done from outside. Motions and poses
-    /// of the head and of colliders become keyframes, one a step and frame, until the last frame
-    /// that was simulated. A collider that was added or removed appears or disappears at that time.
-    /// If any of this was done, a run of the scene has at least that many frames.
+    /// The [changed scene](Player::changed_scene) with what was done from outside. Motions and
+    /// poses of the head and of colliders become keyframes, one a step and frame, until the last
+    /// frame that was simulated. A collider that was added or removed appears or disappears at that
+    /// time. If any of this was done, a run of the scene has at least that many frames.
     ///
     /// # Limitations
     /// The motion of a body that bends stays that of the scene, and so does whether hair collides
