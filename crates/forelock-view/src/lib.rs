@@ -8,7 +8,7 @@
 //!
 //! # Limitations
 //! Files are opened by path, from a list of the folder, or by drop; there is no file dialog of the
-//! system. It shows neither contacts nor the grid.
+//! system. The window shows neither contacts nor the grid.
 
 mod app;
 mod artist;

@@ -59,6 +59,17 @@ impl Window {
         self.harness.run_steps(2);
     }
 
+    /// The first picture is followed by one of all pixels.
+    fn until_the_picture_stays(&mut self) {
+        let mut last = (Instant::now(), 0);
+        self.until("the picture stays", |app| {
+            if app.pictures() != last.1 {
+                last = (Instant::now(), app.pictures());
+            }
+            last.0.elapsed() > Duration::from_secs(1)
+        });
+    }
+
     fn click(&mut self, label: &str) {
         self.harness.get_by_label(label).click();
         self.harness.run_steps(3);
@@ -369,24 +380,12 @@ fn colours_of_strands_show_what_they_do() {
     window.until("there is a picture", move |app| picture(app) > 0);
     window.click("Colours");
     window.harness.get_by_role_and_label(egui::accesskit::Role::ComboBox, "Strands show").click();
-    // The first picture is followed by one of all pixels.
-    let mut last = (Instant::now(), 0);
-    window.until("the picture stays", |app| {
-        if app.pictures() != last.1 {
-            last = (Instant::now(), app.pictures());
-        }
-        last.0.elapsed() > Duration::from_secs(1)
-    });
+    window.until_the_picture_stays();
     let before = picture(window.harness.state());
     window.click("Displacement");
     window.until("it is drawn anew", move |app| picture(app) > before);
     window.harness.get_by_label("10 cm from the rest shape");
-    window.until("the picture stays", |app| {
-        if app.pictures() != last.1 {
-            last = (Instant::now(), app.pictures());
-        }
-        last.0.elapsed() > Duration::from_secs(1)
-    });
+    window.until_the_picture_stays();
     let before = picture(window.harness.state());
     window.click("Rest shape");
     window.until("the rest shape is drawn", move |app| picture(app) > before);

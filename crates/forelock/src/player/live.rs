@@ -282,30 +282,45 @@ impl Live {
         skin.into_iter().chain(others).collect()
     }
 
+    /// Starts and ends of the steps of the next frame, seconds. A frame that is shorter than a step
+    /// may have none.
+    pub fn next_steps(&self) -> Vec<[f64; 2]> {
+        let end_secs = self.frame_secs(self.frame + 1);
+        match self.own_clock {
+            None => vec![[self.shown_secs(), end_secs]],
+            Some(clock) => {
+                let steps = clock.done..clock.steps_until(end_secs);
+                steps.map(|step| [step, step + 1].map(|step| clock.secs(step))).collect()
+            }
+        }
+    }
+
+    /// The next of [`Self::next_steps`] is done.
+    pub fn step_done(&mut self) {
+        if let Some(clock) = &mut self.own_clock {
+            clock.done += 1;
+        }
+    }
+
+    /// A teleport takes a head that is dragged to its place at once.
+    pub fn end_teleported_drag(&mut self) {
+        if let (Some(_), Track::Drag(drag)) = (self.teleport, &mut self.head) {
+            drag.from = drag.to;
+        }
+    }
+
     /// Moves the head and the solids on by a frame, without hair. `stepped` is called after each
     /// step, with its start and end, seconds, and whether the head was teleported in it.
     pub fn follow_frame(&mut self, mut stepped: impl FnMut(&Self, [f64; 2], bool)) {
-        let end_secs = self.frame_secs(self.frame + 1);
-        let ends: Vec<f64> = match self.own_clock {
-            None => vec![end_secs],
-            Some(clock) => {
-                (clock.done..clock.steps_until(end_secs)).map(|step| clock.secs(step + 1)).collect()
-            }
-        };
-        for secs in ends {
-            let start_secs = self.simulated_secs();
+        for times in self.next_steps() {
+            self.end_teleported_drag();
             let teleport = self.teleport.take();
-            if let (Some(_), Track::Drag(drag)) = (teleport, &mut self.head) {
-                drag.from = drag.to;
-            }
-            self.head_at = self.head.pose(secs);
+            self.head_at = self.head.pose(times[1]);
             for live in &mut self.solids {
-                live.at = live.track.pose(secs);
+                live.at = live.track.pose(times[1]);
             }
-            if let Some(clock) = &mut self.own_clock {
-                clock.done += 1;
-            }
-            stepped(self, [start_secs, secs], teleport.is_some());
+            self.step_done();
+            stepped(self, times, teleport.is_some());
         }
         self.show_next_frame();
     }

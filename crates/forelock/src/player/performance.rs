@@ -276,7 +276,7 @@ impl Course {
     }
 }
 
-/// Whether both have one pose, between which nothing jumps.
+/// Whether both have the same pose.
 fn at_same_place(a: &Keyframe, b: &Keyframe) -> bool {
     (a.translation, a.rotation_degrees) == (b.translation, b.rotation_degrees)
 }

@@ -8,10 +8,8 @@ use glam::Vec3;
 use super::bending::BentRoots;
 use super::between;
 use super::engine::Step;
-use super::live::OwnClock;
 use super::regrooming::EditContext;
 use super::report::{Jump, StepReport};
-use super::track::Track;
 use super::{Player, PlayerError};
 
 /// The head in one step.
@@ -30,26 +28,15 @@ impl Player {
     /// GPU fails.
     pub fn step(&mut self) -> Result<StepReport, PlayerError> {
         self.apply_due_edits()?;
-        let end_secs = self.live.frame_secs(self.live.frame + 1);
         let mut report = StepReport { frame: self.live.frame + 1, ..StepReport::default() };
-        match self.live.own_clock {
-            None => {
-                self.step_between([self.live.shown_secs(), end_secs], &mut report)?;
+        let before = self.live.clone();
+        for times in self.live.next_steps() {
+            let stepped = self.step_between(times, &mut report);
+            if stepped.is_err() {
+                self.live = before;
+                return stepped.map(|()| report);
             }
-            Some(clock) => {
-                let end = clock.steps_until(end_secs).max(clock.done);
-                let before = self.live.clone();
-                // A frame that is shorter than a step may have none.
-                for step in clock.done..end {
-                    let times = [step, step + 1].map(|step| clock.secs(step));
-                    let stepped = self.step_between(times, &mut report);
-                    if stepped.is_err() {
-                        self.live = before;
-                        return stepped.map(|()| report);
-                    }
-                    self.live.own_clock = Some(OwnClock { done: step + 1, ..clock });
-                }
-            }
+            self.live.step_done();
         }
         self.live.show_next_frame();
         self.live.counters.add(&report);
@@ -76,9 +63,7 @@ impl Player {
 
     /// One step of the solver between two `times`, seconds.
     fn step_between(&mut self, times: [f64; 2], report: &mut StepReport) -> Result<(), PlayerError> {
-        if let (Some(_), Track::Drag(drag)) = (self.live.teleport, &mut self.live.head) {
-            drag.from = drag.to;
-        }
+        self.live.end_teleported_drag();
         let HeadStep { poses: head, jump } = self.head_step(times);
         self.live.teleport = None;
         let bent_until = self.live.bends_until(times[1]);
@@ -218,15 +203,9 @@ impl Player {
 
     /// Moves clock, head and solids by a frame, and counts the jumps in it.
     fn pass_frame(&mut self) {
-        let end_secs = self.live.frame_secs(self.live.frame + 1);
-        match self.live.own_clock {
-            None => self.pass([self.live.shown_secs(), end_secs]),
-            Some(clock) => {
-                for step in clock.done..clock.steps_until(end_secs) {
-                    self.pass([step, step + 1].map(|step| clock.secs(step)));
-                    self.live.own_clock = Some(OwnClock { done: step + 1, ..clock });
-                }
-            }
+        for times in self.live.next_steps() {
+            self.pass(times);
+            self.live.step_done();
         }
         self.live.show_next_frame();
     }

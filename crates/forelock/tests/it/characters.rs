@@ -18,6 +18,8 @@ use forelock::{Player, Scene};
 use glam::{DQuat, DVec3, Vec3};
 use serde_json::{Value, json};
 
+use crate::positions;
+
 /// Rings and columns of the ball.
 const RINGS: u32 = 10;
 const COLUMNS: u32 = 16;
@@ -175,12 +177,6 @@ fn run(player: &mut Player, frames: u32) -> u64 {
         player.step().unwrap();
     }
     player.state_hash().unwrap()
-}
-
-fn positions(player: &mut Player) -> Vec<Vec3> {
-    let mut positions = Vec::new();
-    player.positions(&mut positions).unwrap();
-    positions
 }
 
 #[test]

@@ -17,3 +17,11 @@ mod renderer;
 mod sleep;
 mod teleports;
 mod training;
+
+/// The strands of the frame that is shown.
+#[expect(clippy::unwrap_used, reason = "a test whose player has failed fails")]
+fn positions(player: &mut forelock::Player) -> Vec<glam::Vec3> {
+    let mut positions = Vec::new();
+    player.positions(&mut positions).unwrap();
+    positions
+}

@@ -18,8 +18,10 @@ use forelock_neural::network::rotation::basis;
 use forelock_neural::network::{Network, Shape};
 use forelock_neural::random::Random;
 use forelock_neural::train::Energies;
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DQuat, DVec3};
 use tempfile::TempDir;
+
+use crate::positions;
 
 const TEXT: &str = "
 groom.strands = 200
@@ -81,12 +83,6 @@ fn run(player: &mut Player, frames: u32) {
     for _ in 0..frames {
         assert_eq!(player.step().unwrap().solver.quarantined_strands, 0);
     }
-}
-
-fn positions(player: &mut Player) -> Vec<Vec3> {
-    let mut positions = Vec::new();
-    player.positions(&mut positions).unwrap();
-    positions
 }
 
 /// Positions in the head's space.

@@ -15,6 +15,8 @@ use forelock::scene::{ColliderSection, InteractionKind, Override, SolverKind};
 use forelock::{Assets, Scene};
 use glam::{DQuat, DVec3, EulerRot, Vec3};
 
+use crate::positions;
+
 const TEXT: &str = "[groom]\nstrands = 40\nvertices_per_strand = 12\n[body]\nmotion = \"builtin:shake\"\n\
                     sdf_cells = 32\n[wind]\nvelocity = [1.0, 0.0, 0.5]\nturbulence = 0.3\n";
 
@@ -36,9 +38,7 @@ fn run(player: &mut Player, frames: u32) {
 
 /// Everything that a frame shows, as bits.
 fn shown(player: &mut Player) -> (u64, Vec<[u32; 3]>, Pose) {
-    let mut positions = Vec::new();
-    player.positions(&mut positions).unwrap();
-    let bits = positions.iter().map(|p| p.to_array().map(f32::to_bits)).collect();
+    let bits = positions(player).iter().map(|p| p.to_array().map(f32::to_bits)).collect();
     (player.state_hash().unwrap(), bits, player.head_pose())
 }
 
@@ -371,27 +371,20 @@ fn after_a_second(fps: u32, keys: &[&str]) -> Vec<Vec3> {
 /// A solver with steps of its own shows the same hair at any rate: 24 to 240 frames a second.
 #[test]
 fn follow_the_leader_looks_alike_at_every_rate() {
-    let far = |a: &[Vec3], b: &[Vec3]| a.iter().zip(b).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
     let sixty = after_a_second(60, &[]);
     for fps in [24, 30, 120, 240] {
-        let off = far(&after_a_second(fps, &[]), &sixty);
+        let off = farthest(&after_a_second(fps, &[]), &sixty);
         assert!(off < 1e-5, "{fps} frames a second: {off} m");
     }
     // One step a frame is another motion.
     let own = ["solver.dftl.step_secs=0"];
-    assert!(far(&after_a_second(30, &own), &after_a_second(120, &own)) > 1e-3);
+    assert!(farthest(&after_a_second(30, &own), &after_a_second(120, &own)) > 1e-3);
 }
 
 /// The largest distance between two lists of positions, metres.
 fn farthest(a: &[Vec3], b: &[Vec3]) -> f32 {
     assert_eq!(a.len(), b.len());
     a.iter().zip(b).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max)
-}
-
-fn positions(player: &mut Player) -> Vec<Vec3> {
-    let mut positions = Vec::new();
-    player.positions(&mut positions).unwrap();
-    positions
 }
 
 #[test]

@@ -59,8 +59,7 @@ fn player(solver: &str, more: &str) -> Player {
 
 /// All strands in the head's space.
 fn local(player: &mut Player) -> Vec<Vec3> {
-    let mut positions = Vec::new();
-    player.positions(&mut positions).unwrap();
+    let positions = crate::positions(player);
     let head = player.head_pose().inverse();
     positions.iter().map(|p| head.transform_point(p.as_dvec3()).as_vec3()).collect()
 }
