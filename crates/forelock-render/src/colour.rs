@@ -13,7 +13,7 @@
 use glam::Vec3;
 
 /// D of Chiang et al. 2016 at azimuthal roughness 0.3.
-const ALBEDO_FROM_ABSORPTION: f32 = 5.89;
+pub(crate) const ALBEDO_FROM_ABSORPTION: f32 = 5.89;
 
 /// The colour of hair, as concentrations of melanin.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,6 +59,13 @@ impl HairColour {
             + Vec3::new(0.187, 0.4, 1.05) * self.pheomelanin.max(0.0);
         absorption.map(|sigma| (-ALBEDO_FROM_ABSORPTION * sigma.sqrt()).exp())
     }
+}
+
+/// The absorption of the fibres, for each radius of path, of hair that has `albedo` where there is
+/// much of it: the inverse of [`HairColour::albedo`].
+pub(crate) fn absorption(albedo: Vec3) -> Vec3 {
+    let root = albedo.map(f32::ln) / ALBEDO_FROM_ABSORPTION;
+    root * root
 }
 
 /// Relative luminance of linear sRGB.

@@ -22,8 +22,9 @@ const OCCLUSION_CELLS: u32 = 40;
 /// as many as a sixteenth of the picture's pixels.
 const OCCLUSION_STRANDS: usize = 4096;
 const SHADOW_STRANDS: [usize; 2] = [OCCLUSION_STRANDS, 16_384];
-/// The factor for the optical depth of strands. It is below 1 because hair scatters mostly forward.
-pub(crate) const EXTINCTION: f32 = 0.6;
+/// The factor for the optical depth of strands in the light of bodies. It is below 1 because hair
+/// scatters mostly forward.
+const EXTINCTION: f32 = 0.6;
 /// The optical depth of the surface of a body in the grid for ambient occlusion.
 const SURFACE_DEPTH: f32 = 1.6;
 /// How far light wraps around skin, for each channel. Red light penetrates deepest.
@@ -88,13 +89,14 @@ impl Lighting {
     /// The radiance of a point on a strand towards the eye.
     pub fn of_hair(&self, point: &StrandPoint) -> Vec3 {
         let to_eye = (self.eye - point.position).normalize_or(Vec3::Z);
-        let fibre = Fibre::new(point.tangent, to_eye, point.albedo, point.tilt);
+        let open = self.openness.as_ref().map_or(1.0, |g| g.sample(point.position));
+        let fibre = Fibre::new(point.tangent, to_eye, point.albedo, point.tilt, open);
         let mut radiance = Vec3::ZERO;
         for (light, map, depths) in &self.lights {
             let out = |map: &ShadowMap| point.position + light.direction * (4.0 * map.texel());
             let lit = map.as_ref().map_or(1.0, |map| map.visibility(out(map), 0));
             if lit > 0.0 {
-                let depth = depths.as_ref().map_or(0.0, |g| g.sample(point.position)) * EXTINCTION;
+                let depth = depths.as_ref().map_or(0.0, |g| g.sample(point.position));
                 radiance +=
                     light.colour * fibre.scatter(light.direction, depth) * (lit * std::f32::consts::PI);
             }
@@ -102,8 +104,7 @@ impl Lighting {
         // Ambient light reaches the side that faces the eye and the upper side.
         let facing =
             (to_eye - point.tangent * point.tangent.dot(to_eye) + Vec3::Y * 0.5).normalize_or(Vec3::Y);
-        let open = self.openness.as_ref().map_or(1.0, |g| g.sample(point.position));
-        radiance + self.ambient.at(facing) * fibre.ambient() * open
+        radiance + self.ambient.at(facing) * fibre.ambient(open)
     }
 
     /// The radiance of a point on a body towards the eye.

@@ -39,6 +39,12 @@ fn start(place: &Workplace, more: &[&str]) -> Child {
         .unwrap()
 }
 
+/// Sends `signal` to `processes`, of which some may have ended.
+#[cfg(target_os = "linux")]
+fn send(signal: &str, processes: &[String]) {
+    Command::new("kill").arg(signal).args(processes).stderr(Stdio::null()).status().unwrap();
+}
+
 /// The processes that `runner` has started.
 #[cfg(target_os = "linux")]
 fn children(runner: &Child) -> Vec<String> {
@@ -62,11 +68,23 @@ fn killed_shots_and_a_killed_runner_cost_no_result() {
         }
     };
     until(&|| done("turn-strands12") && children(&runner).len() == 2);
-    Command::new("kill").args(["-KILL", &children(&runner)[0]]).status().unwrap();
+    send("-KILL", &children(&runner)[..1]);
     until(&|| done("turn-strands17"));
+    // What has begun must not end before it is listed.
+    let listed = || place.run(["shots", "list.toml", "--list-only"]);
+    until(&|| {
+        send("-STOP", &children(&runner));
+        let has_begun = stdout(&listed()).contains(": begun");
+        if !has_begun {
+            send("-CONT", &children(&runner));
+        }
+        has_begun
+    });
+    let stopped = children(&runner);
     runner.kill().unwrap();
     runner.wait().unwrap();
-    let output = place.run(["shots", "list.toml", "--list-only"]);
+    let output = listed();
+    send("-CONT", &stopped);
     let (new, all) = (stdout(&output).matches(": new").count(), stdout(&output).lines().count());
     assert!(all == 20 && new > 3 && stdout(&output).contains(": begun"), "{}", stdout(&output));
     let report = json(&place.run(["shots", "list.toml", "--json"]));

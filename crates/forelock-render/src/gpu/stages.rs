@@ -4,9 +4,9 @@ use std::fmt::Write;
 
 use super::GpuRenderError;
 use super::hosted::{FrameData, NONE, TILE};
-use crate::fibre::{FRESNEL_0, REMAINDER_POWER, ROUGHNESS, SCALE_TILT};
+use crate::colour::ALBEDO_FROM_ABSORPTION;
+use crate::fibre::{CROWD, FRESNEL_0, PATHS, REFLECTED, ROUGHNESS, SCALE_TILT};
 use crate::hair::{FILTER_RADIUS, MAX_PIECES, PIECE_PX};
-use crate::lighting::EXTINCTION;
 use crate::raster::OPAQUE;
 
 /// Threads of a workgroup; in a tile, one a pixel.
@@ -148,9 +148,12 @@ fn constants() -> String {
     let floats = [
         ("SCALE_TILT", SCALE_TILT),
         ("ROUGHNESS", ROUGHNESS),
-        ("REMAINDER_POWER", REMAINDER_POWER),
         ("FRESNEL_0", FRESNEL_0),
-        ("EXTINCTION", EXTINCTION),
+        ("REFLECTED", REFLECTED),
+        ("CROWD", CROWD),
+        ("TT_PATH", PATHS[0]),
+        ("TRT_PATH", PATHS[1]),
+        ("ALBEDO_FROM_ABSORPTION", ALBEDO_FROM_ABSORPTION),
         ("FILTER_RADIUS", FILTER_RADIUS),
         ("PIECE_PX", PIECE_PX),
         ("MAX_PIECES", MAX_PIECES),

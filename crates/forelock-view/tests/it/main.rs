@@ -59,6 +59,12 @@ impl Window {
         self.harness.run_steps(2);
     }
 
+    /// Waits until the hair has played on by two frames, with all that was ordered so far.
+    fn until_two_more_frames(&mut self) {
+        let now = self.player(|player| Ok(player.frame()));
+        self.until("two frames pass", |app| app.frame() >= now + 2);
+    }
+
     /// The first picture is followed by one of all pixels.
     fn until_the_picture_stays(&mut self) {
         let mut last = (Instant::now(), 0);
@@ -197,7 +203,7 @@ fn the_head_follows_the_mouse_and_a_solid_pushes() {
     let mut window = Window::open(scene(&[]));
     window.click("Head");
     window.drag(MIDDLE, Vec2::new(0.62, 0.5));
-    window.until("the head has moved", |app| app.frame() >= 2);
+    window.until_two_more_frames();
     let moved = window.player(|player| Ok(player.head_pose().translation));
     // The camera sees the head from its front and left: to the right is +x and −z.
     assert!(moved.x > 0.02 && moved.z < 0.0 && moved.y.abs() < 0.01, "{moved}");
@@ -247,7 +253,7 @@ fn what_the_mouse_moved_is_saved_on_request() {
     let mut window = Window::open(scene(&[]));
     window.click("Head");
     window.drag(MIDDLE, Vec2::new(0.62, 0.5));
-    window.until("the head has moved", |app| app.frame() >= 2);
+    window.until_two_more_frames();
     window.click("Ball");
     window.drag(Vec2::new(0.3, 0.4), MIDDLE);
     window.click("Pause");

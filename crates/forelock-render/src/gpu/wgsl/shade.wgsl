@@ -110,7 +110,12 @@ fn shade(
     let straight = normalize_or(near.p2 - near.p1, vec3f(0.0, 1.0, 0.0));
     let tangent = normalize_or(blend(near, catmull_rom_slope(t)), straight);
     let to_eye = normalize_or(frame.eye - position, vec3f(0.0, 0.0, 1.0));
-    let fibre = fibre_of(tangent, to_eye, albedo_of(curve, i, t, s), curve.tilt);
+    var open = 1.0;
+    if frame.open_cell > 0.0 {
+        let at = (position - frame.open_origin) / frame.open_cell;
+        open = sample_grid(frame.open_start, frame.open_size, at);
+    }
+    let fibre = fibre_of(tangent, to_eye, albedo_of(curve, i, t, s), curve.tilt, open);
     var sum = vec3f(0.0);
     for (var n = 0u; n < frame.lights; n += 1u) {
         let light = lights[n];
@@ -122,19 +127,14 @@ fn shade(
             var depth = 0.0;
             if light.grid != NONE {
                 let at = (position - frame.shadow_origin) / frame.shadow_cell;
-                depth = sample_grid(light.grid, frame.shadow_size, at) * EXTINCTION;
+                depth = sample_grid(light.grid, frame.shadow_size, at);
             }
             sum += light.colour * scatter(fibre, light.direction, depth) * (lit * PI);
         }
     }
     let up = vec3f(0.0, 1.0, 0.0);
     let facing = normalize_or(to_eye - tangent * dot(tangent, to_eye) + up * 0.5, up);
-    var open = 1.0;
-    if frame.open_cell > 0.0 {
-        let at = (position - frame.open_origin) / frame.open_cell;
-        open = sample_grid(frame.open_start, frame.open_size, at);
-    }
-    sum += mix(frame.ground, frame.sky, 0.5 + 0.5 * facing.y) * (fibre.tint * 0.6 * open);
+    sum += mix(frame.ground, frame.sky, 0.5 + 0.5 * facing.y) * ambient(fibre, open);
     let kept = clamp(sum, vec3f(0.0), vec3f(60000.0));
     radiance[thread] = vec2u(pack2x16float(kept.xy), pack2x16float(vec2f(kept.z, 0.0)));
 }

@@ -28,12 +28,12 @@ fn covered(image: &Image, empty: &Image) -> f32 {
     pairs.map(|(seen, behind)| (linear(behind[1]) - linear(seen[1])) / 0.5).sum()
 }
 
-/// A white line lit from the camera, far away, so that it is equally bright everywhere; before
-/// black. Returns the sum of the green light of all pixels, and that of the one in the middle.
+/// A black line lit from the camera, far away, so that its surface reflects equally much everywhere
+/// and other hair passes no light on; before black. Returns the sum of the green light of all pixels, and that of the one in the middle.
 fn bright_line(renderer: &mut GpuRenderer, positions: &[Vec3], width_px: f32, exposure: f32) -> [f32; 2] {
     let offsets = [0, positions.len() as u32];
     let widths = vec![width_px * PX; positions.len()];
-    let colours = vec![[0.9; 3]; positions.len()];
+    let colours = vec![[0.0; 3]; positions.len()];
     let plain_strands = Strands::new(positions, &offsets, HairColour::BLACK);
     let strands = Strands { widths: Some(&widths), colours: Some(&colours), ..plain_strands };
     let (mut scene, settings) = plain(vec![strands], Vec::new(), 0.0);
