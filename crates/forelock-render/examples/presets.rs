@@ -5,7 +5,8 @@
 //! ```
 //!
 //! writes one sheet for each preset, `FOLDER/PRESET.png`, or for the presets named. Without names
-//! it writes one picture of all as well, `FOLDER/presets.jpg`.
+//! it writes one picture of all as well, `FOLDER/presets.jpg`, and one of the colours of hair,
+//! `FOLDER/colours.jpg`.
 //! `STRANDS`, `SEED` and `SIZE` in the environment change the number of strands, the seed and the
 //! side of a picture in pixels.
 
@@ -18,7 +19,8 @@ use forelock_core::groom::Groom;
 use forelock_core::groom::grow::{GrowParams, PRESETS, grow_on_head};
 use forelock_core::pose::Pose;
 use forelock_render::{
-    Body, Camera, Face, HairColour, Image, Labelled, Scene, Settings, Strands, contact_sheet, render,
+    Body, Camera, Face, HairColour, Image, Labelled, Scene, Settings, Strands, contact_sheet, from_srgb,
+    render,
 };
 use glam::{Vec3, vec3};
 
@@ -61,6 +63,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     std::fs::create_dir_all(folder)?;
     if names.is_empty() {
         gallery(folder)?;
+        colours(folder)?;
     }
     let all = PRESETS.map(str::to_owned);
     for name in if names.is_empty() { &all[..] } else { names } {
@@ -90,15 +93,40 @@ fn gallery(folder: &str) -> Result<(), Box<dyn std::error::Error>> {
     let mut pictures = Vec::new();
     for name in PRESETS {
         let groom = grow_on_head(&GrowParams::preset(name)?)?;
-        let points = groom.positions().iter();
-        let bounds = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
         let yaw: f32 = if name == "ponytail" { 1.3 } else { 0.6 };
-        let mut camera = Camera::framing(bounds, yaw, 0.08);
-        camera.eye = camera.target + 0.8 * (camera.eye - camera.target);
-        pictures.push((draw(&groom, camera)?, name));
+        pictures.push((draw(&groom, HairColour::CHESTNUT, framing(&groom, yaw))?, name));
     }
+    write_sheet(&pictures, 3, &Path::new(folder).join("presets.jpg"))
+}
+
+/// Wavy hair in each colour, and dyed.
+fn colours(folder: &str) -> Result<(), Box<dyn std::error::Error>> {
+    let groom = grow_on_head(&GrowParams { strands: 10_000, ..GrowParams::preset("wavy")? })?;
+    let camera = framing(&groom, 0.9);
+    let dyed = HairColour { dye: from_srgb(vec3(0.2, 0.45, 0.75)), ..HairColour::WHITE };
+    let named = HairColour::NAMES.iter().filter_map(|&name| Some((HairColour::by_name(name)?, name)));
+    let pictures: Result<Vec<_>, Box<dyn std::error::Error>> = named
+        .chain([(dyed, "dyed")])
+        .map(|(colour, name)| Ok((draw(&groom, colour, camera)?, name)))
+        .collect();
+    write_sheet(&pictures?, 4, &Path::new(folder).join("colours.jpg"))
+}
+
+fn framing(groom: &Groom, yaw: f32) -> Camera {
+    let points = groom.positions().iter();
+    let bounds = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
+    let mut camera = Camera::framing(bounds, yaw, 0.08);
+    camera.eye = camera.target + 0.8 * (camera.eye - camera.target);
+    camera
+}
+
+fn write_sheet(
+    pictures: &[(Image, &str)],
+    columns: u32,
+    path: &Path,
+) -> Result<(), Box<dyn std::error::Error>> {
     let pictures: Vec<_> = pictures.iter().map(|(image, label)| Labelled { image, label }).collect();
-    Ok(std::fs::write(Path::new(folder).join("presets.jpg"), contact_sheet(&pictures, 3)?.to_jpeg()?)?)
+    Ok(std::fs::write(path, contact_sheet(&pictures, columns)?.to_jpeg()?)?)
 }
 
 fn number(variable: &str) -> Result<Option<u32>, std::num::ParseIntError> {
@@ -112,15 +140,14 @@ fn picture(groom: &Groom, view: &View) -> Result<Image, Box<dyn std::error::Erro
     let direction = vec3(yaw.sin() * pitch.cos(), pitch.sin(), yaw.cos() * pitch.cos());
     let distance = 0.5 * height / (0.5 * fov_y).tan();
     let camera = Camera { eye: target + direction * distance, target, up: Vec3::Y, fov_y };
-    draw(groom, camera)
+    draw(groom, HairColour::CHESTNUT, camera)
 }
 
-fn draw(groom: &Groom, camera: Camera) -> Result<Image, Box<dyn std::error::Error>> {
+fn draw(groom: &Groom, colour: HairColour, camera: Camera) -> Result<Image, Box<dyn std::error::Error>> {
     let head = &Head::builtin().mesh;
-    let brows = HairColour::CHESTNUT.albedo();
-    let face = Some(Face { rest: &head.positions, brows });
+    let face = Some(Face { rest: &head.positions, brows: colour.albedo() });
     let body = Body { face, ..Body::new(head, Pose::IDENTITY) };
-    let scene = Scene::new(vec![body], vec![Strands::from_groom(groom, HairColour::CHESTNUT)], camera);
+    let scene = Scene::new(vec![body], vec![Strands::from_groom(groom, colour)], camera);
     let size = number("SIZE")?.unwrap_or(480);
     Ok(render(&scene, &Settings { width: size, height: size, ..Settings::default() })?)
 }

@@ -5,7 +5,8 @@
 //! c_p (0.187, 0.4, 1.05) for concentrations c_e of eumelanin and c_p of pheomelanin (d'Eon et al.
 //! 2011, *An energy-conserving hair reflectance model*). Hair made of such fibres has the albedo C
 //! = exp(−D √σ), D = 5.89 at a roughness of 0.3 (Chiang et al. 2016, *A practical and controllable
-//! hair and fur model*, eq. 9 solved for C).
+//! hair and fur model*, eq. 9 solved for C). The absorption of a dye adds to it. Grey hair is a
+//! mixture of hairs with pigment and hairs without.
 //!
 //! Light is summed in linear RGB. Exposure, tone curve and the sRGB transfer function are applied
 //! last.
@@ -15,13 +16,17 @@ use glam::Vec3;
 /// D of Chiang et al. 2016 at azimuthal roughness 0.3.
 pub(crate) const ALBEDO_FROM_ABSORPTION: f32 = 5.89;
 
-/// The colour of hair, as concentrations of melanin.
+/// The colour of hair, as concentrations of melanin, with dye and white hairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HairColour {
     /// Brown-black pigment: 0 none, 0.06 blonde, 0.3 chestnut, 0.8 dark brown, 2.4 black.
     pub eumelanin: f32,
     /// Yellow-red pigment: 0 none, 1 red.
     pub pheomelanin: f32,
+    /// The share of hairs without pigment, 0–1.
+    pub greying: f32,
+    /// The albedo of white hair with the dye, linear RGB in 0–1; 1 is no dye.
+    pub dye: Vec3,
 }
 
 impl Default for HairColour {
@@ -32,32 +37,51 @@ impl Default for HairColour {
 
 impl HairColour {
     /// Black hair.
-    pub const BLACK: Self = Self { eumelanin: 2.4, pheomelanin: 0.1 };
+    pub const BLACK: Self = Self::natural(2.4, 0.1);
     /// Dark brown hair.
-    pub const DARK_BROWN: Self = Self { eumelanin: 0.75, pheomelanin: 0.25 };
+    pub const DARK_BROWN: Self = Self::natural(0.75, 0.25);
     /// Chestnut hair.
-    pub const CHESTNUT: Self = Self { eumelanin: 0.32, pheomelanin: 0.4 };
+    pub const CHESTNUT: Self = Self::natural(0.32, 0.4);
     /// Blonde hair.
-    pub const BLONDE: Self = Self { eumelanin: 0.045, pheomelanin: 0.16 };
+    pub const BLONDE: Self = Self::natural(0.045, 0.16);
     /// Red hair.
-    pub const RED: Self = Self { eumelanin: 0.06, pheomelanin: 1.1 };
+    pub const RED: Self = Self::natural(0.06, 1.1);
+    /// Grey hair: dark brown, of which two in five hairs are white.
+    pub const GREY: Self = Self { greying: 0.4, ..Self::DARK_BROWN };
     /// White hair.
-    pub const WHITE: Self = Self { eumelanin: 0.008, pheomelanin: 0.004 };
+    pub const WHITE: Self = Self::natural(0.008, 0.004);
+
+    /// Hair with these pigments in all hairs, and without dye.
+    #[must_use]
+    pub const fn natural(eumelanin: f32, pheomelanin: f32) -> Self {
+        Self { eumelanin, pheomelanin, greying: 0.0, dye: Vec3::ONE }
+    }
 
     /// The names that [`by_name`](Self::by_name) accepts.
-    pub const NAMES: [&'static str; 6] = ["black", "dark-brown", "chestnut", "blonde", "red", "white"];
+    pub const NAMES: [&'static str; 7] =
+        ["black", "dark-brown", "chestnut", "blonde", "red", "grey", "white"];
 
     /// The preset with the name `name`, if there is one.
     pub fn by_name(name: &str) -> Option<Self> {
-        let presets = [Self::BLACK, Self::DARK_BROWN, Self::CHESTNUT, Self::BLONDE, Self::RED, Self::WHITE];
+        let presets =
+            [Self::BLACK, Self::DARK_BROWN, Self::CHESTNUT, Self::BLONDE, Self::RED, Self::GREY, Self::WHITE];
         Self::NAMES.iter().position(|&known| known == name).map(|i| presets[i])
     }
 
     /// The albedo of many such hairs, linear RGB in 0–1.
     pub fn albedo(&self) -> Vec3 {
-        let absorption = Vec3::new(0.419, 0.697, 1.37) * self.eumelanin.max(0.0)
-            + Vec3::new(0.187, 0.4, 1.05) * self.pheomelanin.max(0.0);
-        absorption.map(|sigma| (-ALBEDO_FROM_ABSORPTION * sigma.sqrt()).exp())
+        let [pigmented, white] = self.albedos();
+        pigmented.lerp(white, self.greying.clamp(0.0, 1.0))
+    }
+
+    /// The albedo of hairs with pigment and of those without.
+    pub(crate) fn albedos(&self) -> [Vec3; 2] {
+        let dye = absorption(self.dye.clamp(Vec3::splat(1e-4), Vec3::ONE));
+        [*self, Self::WHITE].map(|of| {
+            let melanin = Vec3::new(0.419, 0.697, 1.37) * of.eumelanin.max(0.0)
+                + Vec3::new(0.187, 0.4, 1.05) * of.pheomelanin.max(0.0);
+            (melanin + dye).map(|sigma| (-ALBEDO_FROM_ABSORPTION * sigma.sqrt()).exp())
+        })
     }
 }
 
@@ -93,12 +117,22 @@ pub(crate) fn srgb_encode(linear: f32) -> f32 {
     if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
+/// Linear RGB of an sRGB colour, whose channels are 0–1: the inverse of the transfer function.
+#[must_use]
+pub fn from_srgb(colour: Vec3) -> Vec3 {
+    colour.map(|v| if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn more_melanin_is_darker_and_hair_is_warm() {
+        let order = [HairColour::WHITE, HairColour::GREY, HairColour::CHESTNUT, HairColour::DARK_BROWN];
+        for pair in order.windows(2) {
+            assert!(luminance(pair[0].albedo()) > luminance(pair[1].albedo()));
+        }
         let order = [HairColour::WHITE, HairColour::BLONDE, HairColour::CHESTNUT, HairColour::DARK_BROWN];
         for pair in order.windows(2) {
             assert!(luminance(pair[0].albedo()) > luminance(pair[1].albedo()));
@@ -108,6 +142,16 @@ mod tests {
             assert!(c.x >= c.y && c.y >= c.z && c.max_element() < 1.0 && c.min_element() > 0.0);
         }
         assert!(HairColour::by_name("plaid").is_none());
+    }
+
+    #[test]
+    fn white_hair_takes_a_dye_and_dark_hair_hardly_does() {
+        let dye = Vec3::new(0.1, 0.3, 0.6);
+        let dyed = |colour: HairColour| HairColour { dye, ..colour }.albedo();
+        let white = dyed(HairColour { eumelanin: 0.0, pheomelanin: 0.0, ..HairColour::WHITE });
+        assert!(white.distance(dye) < 1e-5, "{white}");
+        let black = dyed(HairColour::BLACK);
+        assert!(black.max_element() < 0.01 && black.distance(HairColour::BLACK.albedo()) < 0.005);
     }
 
     #[test]
@@ -121,5 +165,8 @@ mod tests {
         assert_eq!(film_curve(Vec3::splat(0.3)), Vec3::splat(0.3));
         assert!((srgb_encode(1.0) - 1.0).abs() < 1e-6 && srgb_encode(0.0) == 0.0);
         assert!((srgb_encode(0.214_04) - 0.5).abs() < 1e-4);
+        for v in [0.0, 0.01, 0.2, 0.7, 1.0] {
+            assert!((srgb_encode(from_srgb(Vec3::splat(v)).x) - v).abs() < 1e-5);
+        }
     }
 }

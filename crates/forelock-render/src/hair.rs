@@ -128,7 +128,8 @@ pub(crate) struct Group<'a> {
     pub width_scale: f32,
     /// The largest offset of a child, metres.
     radius: f32,
-    pub log_albedo: Vec3,
+    /// Logarithms of the albedos of hairs with pigment and without.
+    log_albedos: [Vec3; 2],
     /// The share of the curves that are drawn.
     share: f32,
     seed: u32,
@@ -214,8 +215,8 @@ impl<'a> Group<'a> {
         let hairs_each = HAIRS_PER_M2 * area / (count as f32 * children as f32);
         let width_scale = settings.width_scale.unwrap_or(hairs_each.powf(0.7).clamp(1.0, MAX_WIDTH_SCALE));
         let radius = 0.5 * (area / count as f32).sqrt();
-        let log_albedo = strands.colour.albedo().map(f32::ln);
-        Self { strands, children, width_scale, radius, log_albedo, share: 1.0, seed: settings.seed }
+        let log_albedos = strands.colour.albedos().map(|albedo| albedo.map(f32::ln));
+        Self { strands, children, width_scale, radius, log_albedos, share: 1.0, seed: settings.seed }
     }
 
     /// Diameter drawn at particle coordinate `at` (particle index plus fraction), `s` from root 0
@@ -250,6 +251,7 @@ impl<'a> Group<'a> {
         let (offset, wave) = if child == 0 { (Vec3::ZERO, 0.0) } else { child_draws(seed, strand, child) };
         let draw = |stream| curve_draw(seed, strand, child, stream);
         CurveDraws {
+            log_albedo: self.log_albedo(draw),
             offset: offset * self.radius,
             wave,
             bright: draw(0),
@@ -266,6 +268,8 @@ pub(crate) struct CurveDraws {
     /// The offset of a child, metres.
     pub offset: Vec3,
     pub wave: f32,
+    /// Logarithm of the albedo.
+    pub log_albedo: Vec3,
     pub bright: f32,
     pub grey: f32,
     /// The tilt of the scales, radians.
@@ -396,6 +400,12 @@ impl<'a> Hair<'a> {
 }
 
 impl Group<'_> {
+    /// The logarithm of the albedo of a curve: some have no pigment.
+    fn log_albedo(&self, draw: impl Fn(u32) -> f32) -> Vec3 {
+        let is_white = 0.5 + 0.5 * draw(3) < self.strands.colour.greying;
+        self.log_albedos[usize::from(is_white)]
+    }
+
     /// The albedo at particle `particle` plus `t`: that of the groom, or the group's colour with
     /// variation. Strands vary in brightness and redness; roots are darker and tips are lighter.
     fn albedo(&self, particle: usize, t: f32, s: f32, draw: impl Fn(u32) -> f32) -> Vec3 {
@@ -406,7 +416,7 @@ impl Group<'_> {
         // A power of the albedo is a factor on the square root of the absorption.
         let root = 1.0 + 0.22 * (1.0 - (s / 0.25).min(1.0));
         let power = root * (1.0 + 0.13 * draw(0)) * (1.04 - 0.12 * s);
-        let varied = (self.log_albedo * power).map(f32::exp);
+        let varied = (self.log_albedo(&draw) * power).map(f32::exp);
         let grey = Vec3::splat(luminance(varied));
         varied.lerp(grey, 0.06 + 0.06 * draw(1)).clamp(Vec3::splat(0.002), Vec3::splat(0.95))
     }

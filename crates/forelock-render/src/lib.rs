@@ -64,7 +64,7 @@ mod tiles;
 mod volume;
 
 pub use camera::Camera;
-pub use colour::HairColour;
+pub use colour::{HairColour, from_srgb};
 pub use film::Film;
 pub use image::{Image, ImageError, MAX_SIDE};
 pub use light::{Ambient, Light};

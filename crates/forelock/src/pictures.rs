@@ -328,7 +328,7 @@ pub(crate) fn strands<'a>(section: &HairSection, groom: &'a Groom, positions: &'
         widths: groom.widths.as_deref().filter(|_| width == 0.0),
         colours: groom.colours.as_deref(),
         width: if width > 0.0 { width } else { HAIR_WIDTH },
-        ..Strands::new(positions, groom.strand_offsets(), colour(section))
+        ..Strands::new(positions, groom.strand_offsets(), section.hair_colour())
     }
 }
 
@@ -340,7 +340,7 @@ pub(crate) fn dressed<'a>(
     body: Body<'a>,
 ) -> Body<'a> {
     let hide = HairColour::by_name(&section.body_colour).map(|hair| hair.albedo());
-    let hair = cover.and_then(|cover| cover.colour).unwrap_or_else(|| colour(section).albedo());
+    let hair = cover.and_then(|cover| cover.colour).unwrap_or_else(|| section.hair_colour().albedo());
     let shade = SCALP * hair + (1.0 - SCALP) * Body::CLAY;
     Body {
         colour: hide.unwrap_or(Body::CLAY),
@@ -349,10 +349,6 @@ pub(crate) fn dressed<'a>(
         scalp: cover.filter(|_| hide.is_none()).map(|cover| Scalp { shares: &cover.shares, colour: shade }),
         ..body
     }
-}
-
-fn colour(section: &HairSection) -> HairColour {
-    HairColour::by_name(&section.colour).unwrap_or(HairColour::DARK_BROWN)
 }
 
 /// The box `bounds`, grown so that it holds itself wherever its middle is in the scene's time.

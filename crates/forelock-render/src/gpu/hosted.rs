@@ -229,7 +229,7 @@ impl HairArrays {
                         start: start as u32,
                         offset: draws.offset.into(),
                         wave: draws.wave,
-                        log_albedo: group.log_albedo.into(),
+                        log_albedo: draws.log_albedo.into(),
                         tilt: draws.tilt,
                         bright: draws.bright,
                         grey: draws.grey,

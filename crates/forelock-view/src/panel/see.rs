@@ -47,6 +47,7 @@ pub fn colours(ui: &mut egui::Ui, hair: &mut HairSection) -> bool {
         });
     };
     list(ui, "Hair", &mut hair.colour, None);
+    greying_and_dye(ui, hair);
     list(ui, "Body", &mut hair.body_colour, Some("clay"));
     let mut width = hair.width * 1e3;
     ui.horizontal(|ui| {
@@ -57,6 +58,26 @@ pub fn colours(ui: &mut egui::Ui, hair: &mut HairSection) -> bool {
         ui.label("Width");
     });
     before != *hair
+}
+
+/// The share of white hairs, and a dye.
+fn greying_and_dye(ui: &mut egui::Ui, hair: &mut HairSection) {
+    let of_colour = HairColour::by_name(&hair.colour).map_or(0.0, |colour| f64::from(colour.greying));
+    let mut greying = hair.greying.unwrap_or(of_colour);
+    let slider = egui::Slider::new(&mut greying, 0.0..=1.0).text("Greying");
+    if ui.add(slider).on_hover_text("Share of the hairs that are white").changed() {
+        hair.greying = Some(greying);
+    }
+    ui.horizontal(|ui| {
+        let mut has_dye = hair.dye.is_some();
+        ui.checkbox(&mut has_dye, "Dye")
+            .on_hover_text("A colour that white hair takes; on other hair it adds");
+        let mut dye = hair.dye.unwrap_or([0.1, 0.35, 0.6]).map(|part| part as f32);
+        if has_dye {
+            ui.color_edit_button_rgb(&mut dye);
+        }
+        hair.dye = has_dye.then(|| dye.map(f64::from));
+    });
 }
 
 /// Times of the last frames.

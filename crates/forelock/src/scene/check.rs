@@ -16,7 +16,8 @@ use forelock_render::HairColour;
 
 use super::document::Document;
 use super::error::{SceneError, one_of};
-use super::sections::{CLAY, ColliderSection, GroomSource, ShapeKind};
+use super::hair::CLAY;
+use super::sections::{ColliderSection, GroomSource, ShapeKind};
 use super::{ClipSection, Keyframe, MotionSection, Scene, SolverSection, TimeSection, reference};
 use crate::{neural, sinks};
 

@@ -20,6 +20,7 @@ mod check;
 pub(crate) mod document;
 mod edits;
 mod error;
+mod hair;
 mod motion;
 pub mod reference;
 mod sections;
@@ -29,10 +30,11 @@ mod teleport;
 pub use document::Override;
 pub use edits::{EditSection, EditSections};
 pub use error::{Place, SceneError};
+pub use hair::HairSection;
 pub use motion::{ClipSection, Keyframe, MotionSection};
 pub(crate) use sections::NEAR_CELL;
 pub use sections::{
-    BodySection, CameraSection, ColliderSection, GroomSection, GroomSource, HairSection, InteractionKind,
+    BodySection, CameraSection, ColliderSection, GroomSection, GroomSource, InteractionKind,
     InteractionSection, OutputSection, Renderer, ShapeKind, TimeSection,
 };
 pub use solver::{NeuralSection, SimdChoice, SolverKind, SolverSection};

@@ -20,9 +20,10 @@ use serde::Serialize;
 
 use super::edits::EditSection;
 use super::error::nearest;
+use super::hair::HairSection;
 use super::{
-    BodySection, CameraSection, ClipSection, ColliderSection, GroomSection, HairSection, InteractionSection,
-    Keyframe, MotionSection, OutputSection, Scene, SolverSection, TeleportSection, TimeSection, solver,
+    BodySection, CameraSection, ClipSection, ColliderSection, GroomSection, InteractionSection, Keyframe,
+    MotionSection, OutputSection, Scene, SolverSection, TeleportSection, TimeSection, solver,
 };
 
 /// One key of a scene file.

@@ -573,28 +573,3 @@ impl Default for CameraSection {
         Self { yaw_degrees: 30.0, pitch_degrees: 5.0, distance: 1.0, look_at: None, follow: false }
     }
 }
-
-forelock_core::documented! {
-/// `[hair]`: how the hair looks in pictures.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct HairSection {
-    /// Colour: black, dark-brown, chestnut, blonde, red or white. Default "dark-brown".
-    pub colour: String,
-    /// Width of a drawn strand. Unit m, default 0, range 0 to 0.01; 0 chooses one by the number of
-    /// strands.
-    pub width: f64,
-    /// Colour of the body beneath: "clay", or that of a hide with hair of a colour, named as for
-    /// `colour`. Default "clay".
-    pub body_colour: String,
-}
-}
-
-/// Name of the body's colour that is not one of hair.
-pub(crate) const CLAY: &str = "clay";
-
-impl Default for HairSection {
-    fn default() -> Self {
-        Self { colour: "dark-brown".to_owned(), width: 0.0, body_colour: CLAY.to_owned() }
-    }
-}

@@ -3,6 +3,8 @@
 use forelock_core::groom::grow::GrowParams;
 
 use super::*;
+use forelock_render::HairColour;
+use glam::Vec3;
 
 fn parse(text: &str, sets: &[&str]) -> Result<Scene, SceneError> {
     let overrides: Result<Vec<_>, _> = sets.iter().map(|set| Override::set(set)).collect();
@@ -329,6 +331,20 @@ fn teleports_and_keyframes_that_jump_are_read_and_checked() {
     let scene = parse(held, &[]).unwrap();
     assert_eq!(Scene::parse(&scene.to_toml(), Path::new("scene.toml"), &[]).unwrap(), scene);
     assert!(message("[body.motion]\ninterpolation = \"holt\"\n", &[]).contains("\"hold\""));
+}
+
+#[test]
+fn the_colour_of_hair_has_white_hairs_and_dye() {
+    let text = "[hair]\ncolour = \"grey\"\n";
+    assert_eq!(parse(text, &[]).unwrap().hair.hair_colour(), HairColour::GREY);
+    let scene = parse(text, &["hair.greying=0.1", "hair.dye=[1, 0.5, 0]"]).unwrap();
+    let colour = scene.hair.hair_colour();
+    assert!((colour.greying - 0.1).abs() < 1e-6 && colour.eumelanin == HairColour::GREY.eumelanin);
+    assert!(colour.dye.distance(Vec3::new(1.0, 0.2140, 0.0)) < 1e-3, "{}", colour.dye);
+    assert_eq!(Scene::parse(&scene.to_toml(), Path::new("scene.toml"), &[]).unwrap(), scene);
+    assert!(message(text, &["hair.greying=1.1"]).contains("`hair.greying` should be from 0 to 1"));
+    assert!(message(text, &["hair.dye=[0, 2, 0]"]).contains("hair.dye"));
+    assert!(message("[hair]\ncolour = \"gray\"\n", &[]).contains("did you mean \"grey\"?"));
 }
 
 #[test]
