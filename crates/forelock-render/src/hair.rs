@@ -317,12 +317,6 @@ impl<'a> Hair<'a> {
         Self { groups, chunks, seed: settings.seed }
     }
 
-    /// `groups` without anything to draw.
-    #[cfg(feature = "gpu")]
-    pub fn undrawn(groups: Vec<Group<'a>>) -> Self {
-        Self { groups, chunks: Vec::new(), seed: 0 }
-    }
-
     pub fn groups(&self) -> &[Group<'a>] {
         &self.groups
     }

@@ -24,11 +24,11 @@ const OCCLUSION_STRANDS: usize = 4096;
 const SHADOW_STRANDS: [usize; 2] = [OCCLUSION_STRANDS, 16_384];
 /// The factor for the optical depth of strands in the light of bodies. It is below 1 because hair
 /// scatters mostly forward.
-const EXTINCTION: f32 = 0.6;
+pub(crate) const EXTINCTION: f32 = 0.6;
 /// The optical depth of the surface of a body in the grid for ambient occlusion.
 const SURFACE_DEPTH: f32 = 1.6;
 /// How far light wraps around skin, for each channel. Red light penetrates deepest.
-const WRAP: Vec3 = Vec3::new(0.30, 0.18, 0.14);
+pub(crate) const WRAP: Vec3 = Vec3::new(0.30, 0.18, 0.14);
 
 /// The lights of a scene with their shadows.
 pub(crate) struct Lighting {

@@ -79,16 +79,6 @@ struct Pixel {
     bodies: [f32; 2],
 }
 
-/// What is behind the hair in a pixel.
-#[cfg(feature = "gpu")]
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Behind {
-    /// Bodies over the backdrop, linear RGB.
-    pub colour: Vec3,
-    /// The inverse depths of four samples, in rising order; 0 where there is no body.
-    pub nearness: [f32; 4],
-}
-
 impl Tile {
     /// Draws the tile in column `column` and row `row`. Returns its pixels in sRGB, row by row.
     pub fn draw(&mut self, frame: &Frame<'_>, index: usize, column: u32, row: u32) -> Vec<[u8; 4]> {
@@ -96,25 +86,6 @@ impl Tile {
         self.draw_solids(frame, index, corner);
         self.draw_hair(frame, index, corner);
         (0..PIXELS).map(|i| self.resolve(frame, corner, i)).collect()
-    }
-
-    /// What is behind the hair of the tile, pixel by pixel.
-    #[cfg(feature = "gpu")]
-    pub fn behind(&mut self, frame: &Frame<'_>, index: usize, corner: [u32; 2]) -> Vec<Behind> {
-        self.draw_solids(frame, index, corner);
-        let Settings { width, height, .. } = frame.settings;
-        let count = self.samples.len() / PIXELS;
-        let pixels = self.samples.chunks_exact(count).enumerate();
-        let seen = pixels.map(|(i, samples)| {
-            let at = [corner[0] + i as u32 % TILE, corner[1] + i as u32 / TILE].map(|x| x as f32 + 0.5);
-            let backdrop = frame.backdrop.at(at[0] / width as f32, at[1] / height as f32);
-            let colour = behind_hair(frame, samples, at, backdrop);
-            let mut depths: Vec<f32> = samples.iter().map(|sample| sample.nearness).collect();
-            depths.sort_unstable_by(f32::total_cmp);
-            let nearness = std::array::from_fn(|i| depths[(2 * i + 1) * count / 8]);
-            Behind { colour, nearness }
-        });
-        seen.collect()
     }
 
     fn draw_solids(&mut self, frame: &Frame<'_>, index: usize, corner: [u32; 2]) {

@@ -73,6 +73,14 @@ impl Bins {
         Self { offsets, items: sorted }
     }
 
+    /// One array: for each tile the index of its first item in the array, the end of the last one's,
+    /// then all items.
+    #[cfg(feature = "gpu")]
+    pub fn flat(&self) -> Vec<u32> {
+        let first = self.offsets.len() as u32;
+        self.offsets.iter().map(|offset| first + offset).chain(self.items.iter().copied()).collect()
+    }
+
     /// The items that touch `tile`.
     pub fn of(&self, tile: usize) -> &[u32] {
         &self.items[self.offsets[tile] as usize..self.offsets[tile + 1] as usize]

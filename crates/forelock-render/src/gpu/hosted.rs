@@ -1,17 +1,14 @@
 //! A scene as arrays for the device.
 
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
-use rayon::prelude::*;
 
 use super::GpuRenderError;
 use crate::camera::View;
-use crate::hair::{Group, Hair, PIECE_PX, drawable, strand_count};
+use crate::hair::{Group, PIECE_PX, drawable, strand_count};
 use crate::lighting::Lighting;
-use crate::raster::{Frame, Tile};
 use crate::scene::{Scene, Settings};
 use crate::solids::Solids;
-use crate::tiles::{TILE as CPU_TILE, TileGrid};
+use crate::tiles::TileGrid;
 
 /// The side of a tile of the device, pixels.
 pub(super) const TILE: u32 = 16;
@@ -50,6 +47,10 @@ pub(super) struct FrameData {
     open_start: u32,
     position_origin: [f32; 3],
     component_stride: u32,
+    backdrop_top: [f32; 3],
+    vignette: f32,
+    backdrop_bottom: [f32; 3],
+    bin_columns: u32,
     centre: [f32; 2],
     pub size: [u32; 2],
     pub tiles: [u32; 2],
@@ -97,7 +98,7 @@ pub(super) struct Hosted {
     pub frame: FrameData,
     pub hair: HairArrays,
     pub light: LightArrays,
-    pub behind: BehindArrays,
+    pub bodies: BodyArrays,
 }
 
 /// Strands and their attributes.
@@ -122,14 +123,24 @@ pub(super) struct LightArrays {
     pub heights: Vec<f32>,
 }
 
-/// What is behind the hair.
-pub(super) struct BehindArrays {
-    /// Linear RGB of each pixel.
-    pub colours: Vec<[f32; 4]>,
-    /// Inverse depths of four samples of each pixel.
-    pub nearness: Vec<[f32; 4]>,
-    /// The smallest inverse depth in each tile of the device.
-    pub horizon: Vec<f32>,
+/// Bodies.
+pub(super) struct BodyArrays {
+    pub triangles: Vec<TriangleData>,
+    /// The triangles that touch each tile of the CPU renderer.
+    pub bins: Vec<u32>,
+    pub vertices: Vec<[[f32; 4]; 4]>,
+}
+
+/// `Triangle` in `bodies.wgsl`: pixel x, pixel y and inverse depth of each corner, and its vertex.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(super) struct TriangleData {
+    a: [f32; 3],
+    va: u32,
+    b: [f32; 3],
+    vb: u32,
+    c: [f32; 3],
+    vc: u32,
 }
 
 impl Hosted {
@@ -155,6 +166,10 @@ impl Hosted {
             ground: scene.ambient.ground.into(),
             particle_stride: 3,
             component_stride: 1,
+            backdrop_top: scene.backdrop.top.into(),
+            vignette: scene.backdrop.vignette,
+            backdrop_bottom: scene.backdrop.bottom.into(),
+            bin_columns: grid.columns,
             centre: view.centre,
             size: [width, height],
             tiles: [width.div_ceil(TILE), height.div_ceil(TILE)],
@@ -162,17 +177,8 @@ impl Hosted {
             ..FrameData::default()
         };
         let light = LightArrays::new(&lighting, &mut frame);
-        let hair_groups = Hair::undrawn(groups);
-        let drawn = Frame {
-            settings: *settings,
-            view,
-            backdrop: scene.backdrop,
-            solids,
-            hair: hair_groups,
-            lighting,
-        };
-        let behind = BehindArrays::new(&drawn, grid, frame.tiles);
-        Ok(Self { frame, hair, light, behind })
+        let bodies = BodyArrays::new(&solids);
+        Ok(Self { frame, hair, light, bodies })
     }
 }
 
@@ -296,33 +302,14 @@ impl LightArrays {
     }
 }
 
-impl BehindArrays {
-    fn new(frame: &Frame<'_>, grid: TileGrid, tiles: [u32; 2]) -> Self {
-        let [width, height] = [frame.settings.width, frame.settings.height];
-        let place =
-            |tile: usize| [tile as u32 % grid.columns * CPU_TILE, tile as u32 / grid.columns * CPU_TILE];
-        let drawn: Vec<_> = (0..grid.len())
-            .into_par_iter()
-            .map_init(Tile::default, |tile, index| tile.behind(frame, index, place(index)))
-            .collect();
-        let pixels = width as usize * height as usize;
-        let (mut colours, mut nearness) = (vec![[0.0; 4]; pixels], vec![[0.0; 4]; pixels]);
-        let mut horizon = vec![f32::MAX; tiles[0] as usize * tiles[1] as usize];
-        for (index, tile) in drawn.into_iter().enumerate() {
-            let corner = place(index);
-            for (i, pixel) in tile.into_iter().enumerate() {
-                let (x, y) = (corner[0] + i as u32 % CPU_TILE, corner[1] + i as u32 / CPU_TILE);
-                if x < width && y < height {
-                    let at = y as usize * width as usize + x as usize;
-                    let Vec3 { x: red, y: green, z: blue } = pixel.colour;
-                    colours[at] = [red, green, blue, 1.0];
-                    nearness[at] = pixel.nearness;
-                    let own = &mut horizon[(y / TILE * tiles[0] + x / TILE) as usize];
-                    *own = own.min(pixel.nearness[0]);
-                }
-            }
-        }
-        Self { colours, nearness, horizon }
+impl BodyArrays {
+    fn new(solids: &Solids<'_>) -> Self {
+        let triangles = solids.screen.iter().map(|triangle| {
+            let [a, b, c] = triangle.corners.map(Into::into);
+            let [va, vb, vc] = solids.triangles[triangle.source as usize];
+            TriangleData { a, va, b, vb, c, vc }
+        });
+        Self { triangles: triangles.collect(), bins: solids.bins.flat(), vertices: solids.vertices() }
     }
 }
 
@@ -362,7 +349,8 @@ mod tests {
     fn structs_are_those_of_the_kernels() {
         let frame = offsets!(FrameData: eye focal right near up exposure forward points sky lights ground
             capacity shadow_origin shadow_cell shadow_size particle_stride open_origin open_cell open_size
-            open_start position_origin component_stride centre size tiles lit_each unused);
+            open_start position_origin component_stride
+            backdrop_top vignette backdrop_bottom bin_columns centre size tiles lit_each unused);
         has_layout("Frame", size_of::<FrameData>(), &frame);
         let curve = offsets!(CurveData: base first count start offset wave log_albedo tilt bright grey
             has_colours detail);
@@ -370,6 +358,8 @@ mod tests {
         let light = offsets!(LightData: direction texel colour heights right grid up side origin
             unused);
         has_layout("Light", size_of::<LightData>(), &light);
+        let triangle = offsets!(TriangleData: a va b vb c vc);
+        has_layout("Triangle", size_of::<TriangleData>(), &triangle);
     }
 
     #[test]

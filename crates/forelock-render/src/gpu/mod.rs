@@ -11,8 +11,8 @@
 //! # Practice
 //! The device and its queue come from outside: WebGPU's default limits suffice, and no feature is
 //! needed. With timestamps ([`wgpu::Features::TIMESTAMP_QUERY`]) the [`FrameReport`] has the times
-//! of the stages. Bodies, shadow maps and the grids of optical depth are computed on the CPU and
-//! uploaded.
+//! of the stages. The device draws and lights the bodies. Shadow maps and the grids of optical depth
+//! are computed on the CPU and uploaded.
 //!
 //! The list of pieces has no fixed size. [`GpuRenderer::render`] draws again with more room where
 //! pieces had none. [`GpuRenderer::render_to`] does not wait, so it cannot; a later frame has the
@@ -23,8 +23,8 @@
 //! # Limitations
 //! Neighbouring pieces divide pixels along the curve's normal, so that none is drawn twice or left
 //! out; the CPU takes the normal of each piece. Light is interpolated between equal steps of an
-//! edge; the CPU computes it at the end of each piece. With 3 or 4 samples along each side of a
-//! pixel, hair is compared with four of them.
+//! edge; the CPU computes it at the end of each piece. Bodies always have two samples along each side
+//! of a pixel.
 
 mod error;
 mod hosted;

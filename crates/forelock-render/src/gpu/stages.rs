@@ -7,7 +7,9 @@ use super::hosted::{FrameData, NONE, TILE};
 use crate::colour::ALBEDO_FROM_ABSORPTION;
 use crate::fibre::{CROWD, FRESNEL_0, PATHS, REFLECTED, ROUGHNESS, SCALE_TILT};
 use crate::hair::{FILTER_RADIUS, MAX_PIECES, PIECE_PX};
+use crate::lighting::{EXTINCTION, WRAP};
 use crate::raster::OPAQUE;
+use crate::tiles::TILE as CPU_TILE;
 
 /// Threads of a workgroup; in a tile, one a pixel.
 const THREADS: u32 = TILE * TILE;
@@ -20,6 +22,7 @@ const MAX_GROUPS: u32 = 32_768;
 
 const FRAME: &str = include_str!("wgsl/frame.wgsl");
 const STRAND: &str = include_str!("wgsl/strand.wgsl");
+const LIGHTS: &str = include_str!("wgsl/lights.wgsl");
 const PIECES: &str = include_str!("wgsl/pieces.wgsl");
 
 /// The number of a binding, the same in all kernels.
@@ -45,10 +48,13 @@ pub(super) enum Slot {
     Behind,
     Nearness,
     Picture,
+    Triangles,
+    Bins,
+    Vertices,
 }
 
 /// The number of slots.
-const SLOTS: usize = Picture as usize + 1;
+const SLOTS: usize = Vertices as usize + 1;
 
 /// A stage of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,12 +77,17 @@ enum Threads {
 }
 
 use Slot::{
-    Albedos, Behind, Counts, Curves, Frame, Grids, Heights, Horizon, Lights, List, Nearness, Offsets, Owners,
-    Picture, Points, Positions, Radiance, Report, Widths,
+    Albedos, Behind, Bins, Counts, Curves, Frame, Grids, Heights, Horizon, Lights, List, Nearness, Offsets,
+    Owners, Picture, Points, Positions, Radiance, Report, Triangles, Vertices, Widths,
 };
 
 /// All stages, in the order in which they run.
-pub(super) const STAGES: [Stage; 7] = [
+pub(super) const STAGES: [Stage; 8] = [
+    Stage {
+        name: "bodies",
+        slots: &[Frame, Lights, Grids, Heights, Horizon, Behind, Nearness, Triangles, Bins, Vertices],
+        threads: Threads::Tiles,
+    },
     Stage {
         name: "project",
         slots: &[Frame, Positions, Curves, Owners, Widths, Points],
@@ -123,7 +134,10 @@ impl Stage {
     fn texts(&self) -> &'static [&'static str] {
         match self.name {
             "project" => &[FRAME, STRAND, include_str!("wgsl/project.wgsl")],
-            "shade" => &[FRAME, STRAND, include_str!("wgsl/fibre.wgsl"), include_str!("wgsl/shade.wgsl")],
+            "bodies" => &[FRAME, LIGHTS, include_str!("wgsl/face.wgsl"), include_str!("wgsl/bodies.wgsl")],
+            "shade" => {
+                &[FRAME, STRAND, LIGHTS, include_str!("wgsl/fibre.wgsl"), include_str!("wgsl/shade.wgsl")]
+            }
             "sort" => &[FRAME, include_str!("wgsl/sort.wgsl")],
             "resolve" => &[FRAME, PIECES, include_str!("wgsl/resolve.wgsl")],
             _ => &[FRAME, PIECES, include_str!("wgsl/bins.wgsl")],
@@ -154,12 +168,22 @@ fn constants() -> String {
         ("TT_PATH", PATHS[0]),
         ("TRT_PATH", PATHS[1]),
         ("ALBEDO_FROM_ABSORPTION", ALBEDO_FROM_ABSORPTION),
+        ("EXTINCTION", EXTINCTION),
+        ("WRAP_RED", WRAP.x),
+        ("WRAP_GREEN", WRAP.y),
+        ("WRAP_BLUE", WRAP.z),
         ("FILTER_RADIUS", FILTER_RADIUS),
         ("PIECE_PX", PIECE_PX),
         ("MAX_PIECES", MAX_PIECES),
         ("OPAQUE", OPAQUE),
     ];
-    let numbers = [("THREADS", THREADS), ("TILE", TILE), ("NONE", NONE), ("PIECES_EACH", PIECES_EACH)];
+    let numbers = [
+        ("THREADS", THREADS),
+        ("TILE", TILE),
+        ("BIN", CPU_TILE),
+        ("NONE", NONE),
+        ("PIECES_EACH", PIECES_EACH),
+    ];
     let mut text = String::new();
     // Writing to a string cannot fail.
     for (name, value) in floats {
@@ -280,7 +304,7 @@ impl Memory {
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D2,
                 format: wgpu::TextureFormat::Rgba32Float,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
                 view_formats: &[],
             })
         };
@@ -291,7 +315,7 @@ impl Memory {
     }
 
     /// The texture of `slot`.
-    pub fn texture(&self, slot: Slot) -> Result<&wgpu::Texture, GpuRenderError> {
+    fn texture(&self, slot: Slot) -> Result<&wgpu::Texture, GpuRenderError> {
         let own = if slot == Behind { &self.behind } else { &self.nearness };
         own.as_ref().ok_or_else(|| GpuRenderError::Failed("there is no texture for the bodies".to_owned()))
     }
@@ -353,7 +377,7 @@ fn described(slot: Slot) -> &'static str {
         Counts | Offsets | Horizon => "tiles",
         List => "pieces of strands",
         Report => "counts",
-        Behind | Nearness => "bodies",
+        Behind | Nearness | Triangles | Bins | Vertices => "bodies",
         Picture => "pixels",
     }
 }

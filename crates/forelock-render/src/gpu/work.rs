@@ -264,7 +264,7 @@ impl GpuRenderer {
     }
 
     fn upload(&mut self, hosted: &Hosted) -> Result<FrameData, GpuRenderError> {
-        let Hosted { frame, hair, light, behind } = hosted;
+        let Hosted { frame, hair, light, bodies } = hosted;
         let mut frame = *frame;
         if frame.points > u32::MAX / PIECES_EACH {
             let limit = u64::from(u32::MAX / PIECES_EACH);
@@ -286,13 +286,16 @@ impl GpuRenderer {
         self.write(Slot::Lights, bytemuck::cast_slice(&light.lights))?;
         self.write(Slot::Grids, bytemuck::cast_slice(&light.grids))?;
         self.write(Slot::Heights, bytemuck::cast_slice(&light.heights))?;
-        self.write(Slot::Horizon, bytemuck::cast_slice(&behind.horizon))?;
+        self.write(Slot::Triangles, bytemuck::cast_slice(&bodies.triangles))?;
+        self.write(Slot::Bins, bytemuck::cast_slice(&bodies.bins))?;
+        self.write(Slot::Vertices, bytemuck::cast_slice(&bodies.vertices))?;
         let tiles = u64::from(frame.tiles[0]) * u64::from(frame.tiles[1]);
         let pixels = u64::from(frame.size[0]) * u64::from(frame.size[1]);
         let points = u64::from(frame.points);
         let room = [
             (Slot::Points, 16 * points),
             (Slot::Radiance, 8 * points * u64::from(frame.lit_each)),
+            (Slot::Horizon, 4 * tiles),
             (Slot::Counts, 4 * tiles),
             (Slot::Offsets, 4 * (tiles + 1)),
             (Slot::List, u64::from(self.capacity) * ITEM),
@@ -303,9 +306,6 @@ impl GpuRenderer {
             self.memory.reserve(&self.device, slot, bytes)?;
         }
         self.memory.size_textures(&self.device, frame.size);
-        self.write_texture(Slot::Behind, &behind.colours, frame.size)?;
-        self.write_texture(Slot::Nearness, &behind.nearness, frame.size)?;
-        self.uploaded_bytes += 32 * pixels;
         Ok(frame)
     }
 
@@ -313,16 +313,6 @@ impl GpuRenderer {
         self.memory.reserve(&self.device, slot, bytes.len() as u64)?;
         self.queue.write_buffer(self.memory.buffer(slot)?, 0, bytes);
         self.uploaded_bytes += bytes.len() as u64;
-        Ok(())
-    }
-
-    fn write_texture(&self, slot: Slot, texels: &[[f32; 4]], size: [u32; 2]) -> Result<(), GpuRenderError> {
-        let [width, height] = size;
-        let layout =
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(16 * width), rows_per_image: None };
-        let extent = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-        let texture = self.memory.texture(slot)?.as_image_copy();
-        self.queue.write_texture(texture, bytemuck::cast_slice(texels), layout, extent);
         Ok(())
     }
 

@@ -1,7 +1,5 @@
 // The light scattering of hair: the twin of `fibre.rs`, term by term.
 
-const PI: f32 = 3.14159265;
-
 struct Fibre {
     tangent: vec3f,
     to_eye: vec3f,
@@ -23,11 +21,6 @@ struct Angles {
 struct Scattered {
     forward: vec3f,
     backward: vec3f,
-}
-
-fn normalize_or(v: vec3f, other: vec3f) -> vec3f {
-    let square = dot(v, v);
-    return select(other, v * inverseSqrt(max(square, 1e-37)), square > 1e-37);
 }
 
 fn luminance(colour: vec3f) -> f32 {

@@ -32,6 +32,12 @@ struct Frame {
     // The point that positions are relative to.
     position_origin: vec3f,
     component_stride: u32,
+    // Colours behind everything, and how much darker its corners are.
+    backdrop_top: vec3f,
+    vignette: f32,
+    backdrop_bottom: vec3f,
+    // Columns of the lists of triangles.
+    bin_columns: u32,
     // Of the picture, pixels.
     centre: vec2f,
     size: vec2u,

@@ -1,59 +1,8 @@
 // The radiance of points on each edge towards the eye: the twin of `Lighting::of_hair`.
 
-struct Light {
-    direction: vec3f,
-    texel: f32,
-    colour: vec3f,
-    // The first value of its shadow map in `heights`, or NONE.
-    heights: u32,
-    right: vec3f,
-    // The first value of its grid in `grids`, or NONE.
-    grid: u32,
-    up: vec3f,
-    // Texels along a side of its shadow map.
-    side: u32,
-    origin: vec3f,
-    unused: u32,
-}
-
 @group(0) @binding(5) var<storage, read> albedos: array<vec4f>;
-@group(0) @binding(6) var<storage, read> lights: array<Light>;
-// The optical depths towards each light, and the share of ambient light.
-@group(0) @binding(7) var<storage, read> grids: array<f32>;
-// Shadow maps.
-@group(0) @binding(8) var<storage, read> heights: array<f32>;
 // Red and green, blue and nothing, in half precision.
 @group(0) @binding(10) var<storage, read_write> radiance: array<vec2u>;
-
-fn sample_grid(start: u32, size: vec3u, at: vec3f) -> f32 {
-    let scaled = clamp(at, vec3f(0.0), vec3f(size - 1u));
-    let base = min(vec3u(scaled), size - 2u);
-    let f = scaled - vec3f(base);
-    let rows = vec2u(size.x, size.x * size.y);
-    let first = start + base.x + base.y * rows.x + base.z * rows.y;
-    let row0 = mix(grids[first], grids[first + 1u], f.x);
-    let row1 = mix(grids[first + rows.x], grids[first + rows.x + 1u], f.x);
-    let next = first + rows.y;
-    let row2 = mix(grids[next], grids[next + 1u], f.x);
-    let row3 = mix(grids[next + rows.x], grids[next + rows.x + 1u], f.x);
-    return mix(mix(row0, row1, f.y), mix(row2, row3, f.y), f.z);
-}
-
-fn visibility(light: Light, point: vec3f) -> f32 {
-    let offset = point - light.origin;
-    let p = vec3f(dot(offset, light.right), dot(offset, light.up), 0.0) / light.texel;
-    let height = dot(offset, light.direction);
-    if min(p.x, p.y) < 1.0 || max(p.x, p.y) > f32(light.side) - 2.0 {
-        return 1.0;
-    }
-    let corner = vec2u(p.xy - 0.5);
-    let f = p.xy - 0.5 - vec2f(corner);
-    let first = light.heights + corner.y * light.side + corner.x;
-    let lower = vec2f(vec2<bool>(heights[first] <= height, heights[first + 1u] <= height));
-    let next = first + light.side;
-    let upper = vec2f(vec2<bool>(heights[next] <= height, heights[next + 1u] <= height));
-    return mix(mix(lower.x, lower.y, f.x), mix(upper.x, upper.y, f.x), f.y);
-}
 
 // The twin of `Group::albedo`.
 fn albedo_of(curve: Curve, i: u32, t: f32, s: f32) -> vec3f {
@@ -121,7 +70,7 @@ fn shade(
         let light = lights[n];
         var lit = 1.0;
         if light.heights != NONE {
-            lit = visibility(light, position + light.direction * (4.0 * light.texel));
+            lit = visibility(light, position + light.direction * (4.0 * light.texel), 0);
         }
         if lit > 0.0 {
             var depth = 0.0;

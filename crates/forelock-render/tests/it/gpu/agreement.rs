@@ -3,9 +3,10 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
 use super::renderer;
-use forelock_core::{body::TriMesh, pose::Pose};
-use forelock_render::{Body, Camera, HairColour, Image, Scene, Settings, Strands, render};
-use glam::Vec3;
+use forelock_core::body::{Head, TriMesh};
+use forelock_core::pose::Pose;
+use forelock_render::{Body, Camera, Face, HairColour, Image, Scalp, Scene, Settings, Strands, render};
+use glam::{DQuat, DVec3, Vec3};
 
 /// The mean difference of a channel, in 1/255.
 pub fn mean_difference(a: &Image, b: &Image) -> f64 {
@@ -95,6 +96,42 @@ fn a_head_of_hair_looks_the_same_as_by_the_cpu() {
         assert!(difference <= 1.0, "{name}: {difference}");
         let control = mean_difference(&render(&other, &settings).unwrap(), &gpu);
         assert!(control > 1.0, "{name}: {control} for another colour");
+    }
+}
+
+/// Bodies are drawn by the device too: faces, scalps, shadows of bodies on each other, and what the
+/// near plane cuts.
+#[test]
+#[cfg_attr(not(gpu), ignore = "needs a GPU")]
+fn bodies_look_the_same_as_by_the_cpu() {
+    let head = &Head::builtin().mesh;
+    let shares: Vec<f32> = head.positions.iter().map(|p| (20.0 * p.y).clamp(0.0, 1.0)).collect();
+    let brows = HairColour::RED.albedo();
+    let face = Some(Face { rest: &head.positions, brows });
+    let scalp = Some(Scalp { shares: &shares, colour: Vec3::new(0.1, 0.05, 0.02) });
+    let body = Body { face, scalp, ..Body::new(head, Pose::new(DQuat::from_rotation_y(0.3), DVec3::ZERO)) };
+    let ball = ball(0.05, 12);
+    let other = Body::new(&ball, Pose::new(DQuat::IDENTITY, DVec3::new(-0.08, 0.06, 0.2)));
+    let (points, offsets) = mane(400, 0.1);
+    let mut renderer = renderer();
+    for (name, eye, side) in [
+        ("face", Vec3::new(0.2, 0.05, 0.9), 320),
+        ("eye", Vec3::new(0.04, 0.0, 0.22), 256),
+        ("behind", Vec3::new(-0.3, 0.5, -0.6), 200),
+    ] {
+        let camera = Camera { eye, target: Vec3::new(0.0, -0.02, 0.0), up: Vec3::Y, fov_y: 0.5 };
+        let strands = Strands::new(&points, &offsets, HairColour::BLONDE);
+        let scene = Scene::new(vec![body, other], vec![strands], camera);
+        let settings = Settings { width: side, height: side - 37, ..Settings::default() };
+        let (cpu, gpu) = (render(&scene, &settings).unwrap(), renderer.render(&scene, &settings).unwrap());
+        let difference = mean_difference(&cpu, &gpu);
+        println!("{name}: mean difference {difference:.3}/255");
+        assert!(difference <= 1.0, "{name}: {difference}");
+        // Few pixels differ: a feature that is missing or in another place would be seen.
+        let pairs = cpu.rgba().chunks_exact(4).zip(gpu.rgba().chunks_exact(4));
+        let is_off = |(a, b): (&[u8], &[u8])| a.iter().zip(b).any(|(a, b)| a.abs_diff(*b) > 12);
+        let off = pairs.filter(|pair| is_off(*pair)).count();
+        assert!(off * 100 < cpu.rgba().len() / 4, "{name}: {off} pixels");
     }
 }
 
