@@ -20,33 +20,35 @@ const MAP_SIDES: [u32; 2] = [256, 768];
 const OCCLUSION_CELLS: u32 = 40;
 /// Strands that the grid for ambient occlusion is made of, and fewest and most of that for shadows:
 /// as many as a sixteenth of the picture's pixels.
-const OCCLUSION_STRANDS: usize = 4096;
+pub(crate) const OCCLUSION_STRANDS: usize = 4096;
 const SHADOW_STRANDS: [usize; 2] = [OCCLUSION_STRANDS, 16_384];
 /// The factor for the optical depth of strands in the light of bodies. It is below 1 because hair
 /// scatters mostly forward.
 pub(crate) const EXTINCTION: f32 = 0.6;
 /// The optical depth of the surface of a body in the grid for ambient occlusion.
-const SURFACE_DEPTH: f32 = 1.6;
+pub(crate) const SURFACE_DEPTH: f32 = 1.6;
 /// How far light wraps around skin, for each channel. Red light penetrates deepest.
 pub(crate) const WRAP: Vec3 = Vec3::new(0.30, 0.18, 0.14);
 
-/// The lights of a scene with their shadows.
-pub(crate) struct Lighting {
-    pub lights: Vec<(Light, Option<ShadowMap>, Option<Grid>)>,
-    ambient: Ambient,
-    /// The share of ambient light that reaches a point.
-    pub openness: Option<Grid>,
-    eye: Vec3,
+/// What light is computed on: the lights, and the places of shadow maps and grids.
+pub(crate) struct Plan {
+    /// Lights with unit directions, and their maps of bodies, which are empty.
+    pub lights: Vec<(Light, Option<ShadowMap>)>,
+    /// The grid of optical depths towards lights with shadows; there is none without hair.
+    pub shadows: Option<Layout>,
+    /// Strands that the grid for shadows is made of.
+    pub shadow_strands: usize,
+    /// The grid of the share of ambient light.
+    pub openness: Option<Layout>,
 }
 
-impl Lighting {
-    /// The lights of `scene`, for a picture of `size` pixels.
+impl Plan {
+    /// The plan for a picture of `scene` of `size` pixels.
     pub fn new(scene: &Scene<'_>, solids: &Solids<'_>, groups: &[Group<'_>], size: [u32; 2]) -> Self {
         let short = size[0].min(size[1]);
         let cells = (short / 4).clamp(SHADOW_CELLS[0], SHADOW_CELLS[1]);
         let map_side = short.clamp(MAP_SIDES[0], MAP_SIDES[1]).next_multiple_of(8) as usize;
         let pixels = size[0] as usize * size[1] as usize;
-        let shadow_strands = (pixels / 16).clamp(SHADOW_STRANDS[0], SHADOW_STRANDS[1]);
         let (body_lo, body_hi) = solids.bounds();
         let (hair_lo, hair_hi) = hair_bounds(groups);
         let (lo, hi) = (body_lo.min(hair_lo), body_hi.max(hair_hi));
@@ -56,33 +58,54 @@ impl Lighting {
         let margin = if has_hair { 0.2 * (hair_hi - hair_lo).length() } else { 0.0 };
         let (grid_lo, grid_hi) =
             if has_hair { ((hair_lo - margin).max(lo), (hair_hi + margin).min(hi)) } else { (lo, hi) };
+        let lights = scene.lights.iter().map(|light| {
+            let light = Light { direction: light.direction.normalize_or(Vec3::Y), ..*light };
+            let map = (light.shadows && !solids.triangles.is_empty()).then(|| {
+                let (centre, radius) = ((body_lo + body_hi) * 0.5, 0.5 * (body_hi - body_lo).length());
+                ShadowMap::empty(light.direction, centre, radius, map_side)
+            });
+            (light, map)
+        });
+        Self {
+            lights: lights.collect(),
+            shadows: has_hair.then(|| Layout::covering(grid_lo, grid_hi, cells)),
+            shadow_strands: (pixels / 16).clamp(SHADOW_STRANDS[0], SHADOW_STRANDS[1]),
+            openness: anything.then(|| Layout::covering(grid_lo, grid_hi, OCCLUSION_CELLS)),
+        }
+    }
+}
 
-        let density = has_hair.then(|| {
-            let deposits = Deposits::new(Layout::covering(grid_lo, grid_hi, cells));
-            deposit_hair(groups, &deposits, shadow_strands);
+/// The lights of a scene with their shadows.
+pub(crate) struct Lighting {
+    lights: Vec<(Light, Option<ShadowMap>, Option<Grid>)>,
+    ambient: Ambient,
+    /// The share of ambient light that reaches a point.
+    openness: Option<Grid>,
+    eye: Vec3,
+}
+
+impl Lighting {
+    /// The lights of `scene`, for a picture of `size` pixels.
+    pub fn new(scene: &Scene<'_>, solids: &Solids<'_>, groups: &[Group<'_>], size: [u32; 2]) -> Self {
+        let plan = Plan::new(scene, solids, groups, size);
+        let density = plan.shadows.map(|layout| {
+            let deposits = Deposits::new(layout);
+            deposit_hair(groups, &deposits, plan.shadow_strands);
             deposits.finish()
         });
-        let openness = anything.then(|| {
-            let deposits = Deposits::new(Layout::covering(grid_lo, grid_hi, OCCLUSION_CELLS));
+        let openness = plan.openness.map(|layout| {
+            let deposits = Deposits::new(layout);
             deposit_hair(groups, &deposits, OCCLUSION_STRANDS);
             deposit_solids(solids, &deposits);
             openness(&deposits.finish())
         });
-        let lights = scene
-            .lights
-            .par_iter()
-            .map(|light| {
-                let direction = light.direction.normalize_or(Vec3::Y);
-                let light = Light { direction, ..*light };
-                let map = (light.shadows && !solids.triangles.is_empty()).then(|| {
-                    let (centre, radius) = ((body_lo + body_hi) * 0.5, 0.5 * (body_hi - body_lo).length());
-                    let triangles = (0..solids.triangles.len()).map(|t| solids.corners(t));
-                    ShadowMap::new(triangles, direction, centre, radius, map_side)
-                });
-                let depths = density.as_ref().filter(|_| light.shadows).map(|g| g.sweep(-direction));
-                (light, map, depths)
-            })
-            .collect();
+        let lit = |(light, map): (Light, Option<ShadowMap>)| {
+            let triangles = || (0..solids.triangles.len()).map(|t| solids.corners(t));
+            let map = map.map(|map| map.of(triangles()));
+            let depths = density.as_ref().filter(|_| light.shadows).map(|g| g.sweep(-light.direction));
+            (light, map, depths)
+        };
+        let lights = plan.lights.into_par_iter().map(lit).collect();
         Self { lights, ambient: scene.ambient, openness, eye: scene.camera.eye }
     }
 
@@ -114,13 +137,16 @@ impl Lighting {
         let (mut diffuse, mut gloss) = (Vec3::ZERO, Vec3::ZERO);
         for (light, map, depths) in &self.lights {
             let cos = normal.dot(light.direction);
+            // Light wraps around skin where the surface turns away, but not where another surface
+            // is in between.
+            let wrapped = (Vec3::splat(cos) + WRAP).max(Vec3::ZERO) / (Vec3::ONE + WRAP);
+            if wrapped == Vec3::ZERO {
+                continue;
+            }
             let out = |map: &ShadowMap| position + (normal * 2.5 + light.direction * 2.0) * map.texel();
             let lit = map.as_ref().map_or(1.0, |map| map.visibility(out(map), 2));
             let depth = depths.as_ref().map_or(0.0, |g| g.sample(position)) * EXTINCTION;
             let arriving = light.colour * (lit * (-depth).exp());
-            // Light wraps around skin where the surface turns away, but not where another surface
-            // is in between.
-            let wrapped = (Vec3::splat(cos) + WRAP).max(Vec3::ZERO) / (Vec3::ONE + WRAP);
             diffuse += arriving * wrapped * wrapped;
             let half = (light.direction + to_eye).normalize_or(normal);
             let m = 1.0 - to_eye.dot(half).clamp(0.0, 1.0);
@@ -150,15 +176,21 @@ fn hair_bounds(groups: &[Group<'_>]) -> (Vec3, Vec3) {
     bounds
 }
 
+/// Of the strands of a group about `most` evenly chosen ones: every how-manieth, how many, and for how
+/// many each stands.
+pub(crate) fn chosen_of(group: &Group<'_>, most: usize) -> (usize, usize, f32) {
+    let count = strand_count(&group.strands);
+    let every = (count / most).max(1);
+    let chosen = count.div_ceil(every);
+    (every, chosen, count as f32 / chosen.max(1) as f32)
+}
+
 /// Adds the area of all strands, children included, as seen from the side: of about `most` evenly
 /// chosen ones, each as often as there are others like it.
 fn deposit_hair(groups: &[Group<'_>], deposits: &Deposits, most: usize) {
     let cell = deposits.layout.cell;
     for group in groups {
-        let count = strand_count(&group.strands);
-        let every = (count / most).max(1);
-        let chosen = count.div_ceil(every);
-        let weight = count as f32 / chosen.max(1) as f32;
+        let (every, chosen, weight) = chosen_of(group, most);
         (0..chosen.div_ceil(256)).into_par_iter().for_each(|block| {
             let range = block * 256..((block + 1) * 256).min(chosen);
             let strands = range.flat_map(|k| drawable(&group.strands, k * every..k * every + 1));

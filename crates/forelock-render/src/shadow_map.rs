@@ -13,7 +13,7 @@ pub(crate) struct ShadowMap {
     texel: f32,
     /// The height of the surface nearest to the light, measured towards the light, metres. −∞ where
     /// there is no surface.
-    pub heights: Vec<f32>,
+    heights: Vec<f32>,
     /// The lowest and the highest value of each block of texels. They suffice for most points.
     blocks: Vec<[f32; 2]>,
 }
@@ -22,31 +22,30 @@ pub(crate) struct ShadowMap {
 const BLOCK: usize = 8;
 
 impl ShadowMap {
-    /// The map of `triangles` for light from the direction `to_light`, with `side` texels along
-    /// each side, a multiple of eight. The triangles are in world space and inside the sphere
-    /// `centre`, `radius`.
-    pub fn new(
-        triangles: impl Iterator<Item = [Vec3; 3]>,
-        to_light: Vec3,
-        centre: Vec3,
-        radius: f32,
-        side: usize,
-    ) -> Self {
+    /// A map without surfaces for light from the direction `to_light`, with `side` texels along each
+    /// side, a multiple of eight, for triangles inside the sphere `centre`, `radius`.
+    pub fn empty(to_light: Vec3, centre: Vec3, radius: f32, side: usize) -> Self {
         let right = to_light.any_orthonormal_vector();
         let up = to_light.cross(right);
         let texel = (2.0 * radius / side as f32).max(1e-12);
         let origin = centre - (right + up) * radius;
-        let heights = vec![f32::NEG_INFINITY; side * side];
-        let mut map = Self { axes: [right, up, to_light], origin, side, texel, heights, blocks: Vec::new() };
+        let (heights, blocks) = (Vec::new(), Vec::new());
+        Self { axes: [right, up, to_light], origin, side, texel, heights, blocks }
+    }
+
+    /// The map of `triangles`, world space.
+    pub fn of(mut self, triangles: impl Iterator<Item = [Vec3; 3]>) -> Self {
+        let side = self.side;
+        self.heights = vec![f32::NEG_INFINITY; side * side];
         for triangle in triangles {
-            map.draw(triangle.map(|p| map.locate(p)));
+            self.draw(triangle.map(|p| self.locate(p)));
         }
-        map.blocks = vec![[f32::INFINITY, f32::NEG_INFINITY]; (side / BLOCK) * (side / BLOCK)];
-        for (i, &height) in map.heights.iter().enumerate() {
-            let [lo, hi] = &mut map.blocks[i / side / BLOCK * (side / BLOCK) + i % side / BLOCK];
+        self.blocks = vec![[f32::INFINITY, f32::NEG_INFINITY]; (side / BLOCK) * (side / BLOCK)];
+        for (i, &height) in self.heights.iter().enumerate() {
+            let [lo, hi] = &mut self.blocks[i / side / BLOCK * (side / BLOCK) + i % side / BLOCK];
             (*lo, *hi) = (lo.min(height), hi.max(height));
         }
-        map
+        self
     }
 
     /// The texel coordinates and the height of a world point.
@@ -151,7 +150,7 @@ mod tests {
             [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0)],
             [corner(-1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
         ];
-        let map = ShadowMap::new(plate.into_iter(), Vec3::Y, Vec3::ZERO, 2.0, 768);
+        let map = ShadowMap::empty(Vec3::Y, Vec3::ZERO, 2.0, 768).of(plate.into_iter());
         assert_eq!(map.visibility(Vec3::new(0.3, 0.0, 0.2), 2), 0.0);
         assert_eq!(map.visibility(Vec3::new(0.3, 1.5, 0.2), 2), 1.0);
         assert_eq!(map.visibility(Vec3::new(1.5, 0.0, 0.2), 2), 1.0);

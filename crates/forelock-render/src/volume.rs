@@ -166,16 +166,23 @@ fn bilinear(cell: [usize; 2], offset: [f32; 2], size: [usize; 2]) -> [(usize, us
     std::array::from_fn(|i| (x[i & 1].0, y[i >> 1].0, x[i & 1].1 * y[i >> 1].1))
 }
 
-/// The share of ambient light that reaches each cell, in 0–1: exp(−τ) averaged over the directions
-/// to the 6 faces and 8 corners of a cube.
-pub(crate) fn openness(depths: &Grid) -> Grid {
-    use rayon::prelude::*;
-    let directions: Vec<Vec3> = (0..27)
+/// The number of [`open_directions`].
+pub(crate) const OPEN_DIRECTIONS: usize = 14;
+
+/// The directions to the 6 faces and 8 corners of a cube.
+pub(crate) fn open_directions() -> Vec<Vec3> {
+    (0..27)
         .map(|i| Vec3::new((i % 3) as f32, (i / 3 % 3) as f32, (i / 9) as f32) - 1.0)
         .filter(|d| matches!(d.length_squared() as u32, 1 | 3))
-        .collect();
-    let share = 1.0 / directions.len() as f32;
-    let swept: Vec<Grid> = directions.par_iter().map(|&d| depths.sweep(d)).collect();
+        .collect()
+}
+
+/// The share of ambient light that reaches each cell, in 0–1: exp(−τ) averaged over
+/// [`open_directions`].
+pub(crate) fn openness(depths: &Grid) -> Grid {
+    use rayon::prelude::*;
+    let share = 1.0 / OPEN_DIRECTIONS as f32;
+    let swept: Vec<Grid> = open_directions().par_iter().map(|&d| depths.sweep(d)).collect();
     let values =
         (0..depths.values.len()).map(|i| swept.iter().map(|g| (-g.values[i]).exp() * share).sum()).collect();
     Grid { layout: depths.layout, values }
@@ -229,6 +236,7 @@ mod tests {
         let grid = Grid { layout, values: vec![0.2; layout.len()] };
         let open = openness(&grid);
         let (middle, rim) = (open.sample(Vec3::ZERO), open.sample(Vec3::X));
+        assert_eq!(open_directions().len(), OPEN_DIRECTIONS);
         assert!(middle < 0.3 && rim > middle + 0.2 && rim <= 1.0, "{middle} {rim}");
     }
 }

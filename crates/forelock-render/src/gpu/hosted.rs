@@ -2,13 +2,16 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use glam::Vec3;
+
 use super::GpuRenderError;
 use crate::camera::View;
 use crate::hair::{Group, PIECE_PX, drawable, strand_count};
-use crate::lighting::Lighting;
+use crate::lighting::{OCCLUSION_STRANDS, Plan, chosen_of};
 use crate::scene::{Scene, Settings};
 use crate::solids::Solids;
 use crate::tiles::TileGrid;
+use crate::volume::{Layout, open_directions};
 
 /// The side of a tile of the device, pixels.
 pub(super) const TILE: u32 = 16;
@@ -18,8 +21,6 @@ pub(super) const NONE: u32 = u32::MAX;
 const MAX_LIT: u32 = 12;
 /// Strands of a group whose edges are measured.
 const SAMPLED_STRANDS: usize = 500;
-/// The height of a texel of a shadow map without a surface. WGSL has no infinities.
-const LOWEST: f32 = -3e38;
 
 /// The struct of the same name in `frame.wgsl`.
 #[repr(C)]
@@ -50,12 +51,21 @@ pub(super) struct FrameData {
     backdrop_top: [f32; 3],
     vignette: f32,
     backdrop_bottom: [f32; 3],
-    bin_columns: u32,
+    pub lit_each: u32,
     centre: [f32; 2],
     pub size: [u32; 2],
     pub tiles: [u32; 2],
-    pub lit_each: u32,
-    unused: u32,
+    pub faces: u32,
+    pub samples: u32,
+    pub sweeps: u32,
+    unused: [u32; 3],
+}
+
+impl FrameData {
+    /// Cells of the grid for ambient light.
+    pub fn open_cells(&self) -> u32 {
+        self.open_size.iter().product()
+    }
 }
 
 /// The struct of the same name in `frame.wgsl`.
@@ -115,20 +125,46 @@ pub(super) struct HairArrays {
     pub albedos: Vec<[f32; 4]>,
 }
 
-/// Lights and their shadows.
+/// `Sample` in `deposit_hair.wgsl`: a strand of which a grid of optical depths is made.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(super) struct SampleData {
+    base: u32,
+    first: u32,
+    count: u32,
+    grid: u32,
+    weight: f32,
+    width: f32,
+}
+
+/// `Sweep` in `sweep.wgsl`: a direction in which a grid is swept.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(super) struct SweepData {
+    direction: [f32; 3],
+    cells: u32,
+    size: [u32; 3],
+    depths: u32,
+}
+
+/// Lights, and of what their shadows are made.
 #[derive(Default)]
 pub(super) struct LightArrays {
     pub lights: Vec<LightData>,
-    pub grids: Vec<f32>,
-    pub heights: Vec<f32>,
+    pub samples: Vec<SampleData>,
+    pub sweeps: Vec<SweepData>,
+    /// Numbers in the buffers for shadow maps, grids of optical depths, and what is deposited.
+    pub room: [usize; 3],
 }
 
 /// Bodies.
 pub(super) struct BodyArrays {
     pub triangles: Vec<TriangleData>,
-    /// The triangles that touch each tile of the CPU renderer.
+    /// The triangles that touch each tile.
     pub bins: Vec<u32>,
     pub vertices: Vec<[[f32; 4]; 4]>,
+    /// The vertices of all triangles.
+    pub faces: Vec<[u32; 3]>,
 }
 
 /// `Triangle` in `bodies.wgsl`: pixel x, pixel y and inverse depth of each corner, and its vertex.
@@ -148,11 +184,10 @@ impl Hosted {
         scene.check(settings)?;
         let Settings { width, height, .. } = *settings;
         let view = View::new(&scene.camera, width, height);
-        let grid = TileGrid::new(width, height);
+        let grid = TileGrid::of_side(TILE, width, height);
         let solids = Solids::new(&scene.bodies, &view, grid)?;
         let groups = Group::all(scene, settings, &view);
         let hair = HairArrays::new(&groups, settings.seed);
-        let lighting = Lighting::new(scene, &solids, &groups, [width, height]);
         let mut frame = FrameData {
             eye: view.eye.into(),
             focal: view.focal,
@@ -162,6 +197,7 @@ impl Hosted {
             exposure: settings.exposure,
             forward: view.forward.into(),
             points: hair.owners.len() as u32,
+            faces: solids.triangles.len() as u32,
             sky: scene.ambient.sky.into(),
             ground: scene.ambient.ground.into(),
             particle_stride: 3,
@@ -169,14 +205,14 @@ impl Hosted {
             backdrop_top: scene.backdrop.top.into(),
             vignette: scene.backdrop.vignette,
             backdrop_bottom: scene.backdrop.bottom.into(),
-            bin_columns: grid.columns,
             centre: view.centre,
             size: [width, height],
             tiles: [width.div_ceil(TILE), height.div_ceil(TILE)],
             lit_each: lit_each(&groups, &view, [width, height]),
             ..FrameData::default()
         };
-        let light = LightArrays::new(&lighting, &mut frame);
+        let light =
+            LightArrays::new(&Plan::new(scene, &solids, &groups, [width, height]), &groups, &mut frame);
         let bodies = BodyArrays::new(&solids);
         Ok(Self { frame, hair, light, bodies })
     }
@@ -262,10 +298,16 @@ impl HairArrays {
 }
 
 impl LightArrays {
-    /// The arrays of `lighting`; their layout goes to `frame`.
-    fn new(lighting: &Lighting, frame: &mut FrameData) -> Self {
+    /// The arrays of `plan`; its layout goes to `frame`.
+    fn new(plan: &Plan, groups: &[Group<'_>], frame: &mut FrameData) -> Self {
         let mut arrays = Self::default();
-        for (light, map, grid) in &lighting.lights {
+        let [mut heights, mut grids, mut deposits] = [0; 3];
+        if let Some(Layout { origin, cell, size }) = plan.shadows {
+            (frame.shadow_origin, frame.shadow_cell, frame.shadow_size) = (origin.into(), cell, size.into());
+            deposits += plan.shadows.map_or(0, |layout| layout.len());
+            arrays.sample(groups, plan.shadow_strands, 0);
+        }
+        for (light, map) in &plan.lights {
             let mut data = LightData {
                 direction: light.direction.into(),
                 colour: light.colour.into(),
@@ -276,29 +318,53 @@ impl LightArrays {
             if let Some(map) = map {
                 let [right, up, _] = map.axes;
                 (data.right, data.up, data.origin) = (right.into(), up.into(), map.origin.into());
-                data.texel = map.texel();
-                data.side = map.side as u32;
-                data.heights = arrays.heights.len() as u32;
-                arrays.heights.extend(map.heights.iter().map(|height| height.max(LOWEST)));
+                (data.texel, data.side, data.heights) = (map.texel(), map.side as u32, heights as u32);
+                heights += map.side * map.side;
             }
-            if let Some(grid) = grid {
-                frame.shadow_origin = grid.layout.origin.into();
-                frame.shadow_cell = grid.layout.cell;
-                frame.shadow_size = grid.layout.size.into();
-                data.grid = arrays.grids.len() as u32;
-                arrays.grids.extend_from_slice(&grid.values);
+            if let Some(layout) = plan.shadows.filter(|_| light.shadows) {
+                data.grid = grids as u32;
+                arrays.sweep(-light.direction, 0, layout, &mut grids);
             }
             arrays.lights.push(data);
         }
-        frame.lights = arrays.lights.len() as u32;
-        if let Some(grid) = &lighting.openness {
-            frame.open_origin = grid.layout.origin.into();
-            frame.open_cell = grid.layout.cell;
-            frame.open_size = grid.layout.size.into();
-            frame.open_start = arrays.grids.len() as u32;
-            arrays.grids.extend_from_slice(&grid.values);
+        if let Some(layout) = plan.openness {
+            let Layout { origin, cell, size } = layout;
+            (frame.open_origin, frame.open_cell, frame.open_size) = (origin.into(), cell, size.into());
+            frame.open_start = grids as u32;
+            grids += layout.len();
+            for direction in open_directions() {
+                arrays.sweep(direction, deposits, layout, &mut grids);
+            }
+            deposits += layout.len();
+            arrays.sample(groups, OCCLUSION_STRANDS, 1);
         }
+        frame.lights = arrays.lights.len() as u32;
+        (frame.samples, frame.sweeps) = (arrays.samples.len() as u32, arrays.sweeps.len() as u32);
+        arrays.room = [heights, grids, deposits];
         arrays
+    }
+
+    fn sweep(&mut self, direction: Vec3, cells: usize, layout: Layout, grids: &mut usize) {
+        let (direction, size) = (direction.into(), layout.size.into());
+        self.sweeps.push(SweepData { direction, cells: cells as u32, size, depths: *grids as u32 });
+        *grids += layout.len();
+    }
+
+    /// Chooses about `most` strands of each group for grid number `grid`.
+    fn sample(&mut self, groups: &[Group<'_>], most: usize, grid: u32) {
+        let mut before = 0;
+        for group in groups {
+            let (every, chosen, weight) = chosen_of(group, most);
+            let weight = weight * group.children as f32;
+            let width = group.strands.widths.map_or_else(|| group.width(0, 0.0, 0.0), |_| 0.0);
+            for strand in (0..chosen).map(|k| k * every) {
+                for (_, particles) in drawable(&group.strands, strand..strand + 1) {
+                    let (first, count) = (before + particles.start as u32, particles.len() as u32);
+                    self.samples.push(SampleData { base: 3 * first, first, count, grid, weight, width });
+                }
+            }
+            before += group.strands.positions.len() as u32;
+        }
     }
 }
 
@@ -309,7 +375,8 @@ impl BodyArrays {
             let [va, vb, vc] = solids.triangles[triangle.source as usize];
             TriangleData { a, va, b, vb, c, vc }
         });
-        Self { triangles: triangles.collect(), bins: solids.bins.flat(), vertices: solids.vertices() }
+        let faces = solids.triangles.clone();
+        Self { triangles: triangles.collect(), bins: solids.bins.flat(), vertices: solids.vertices(), faces }
     }
 }
 
@@ -350,7 +417,7 @@ mod tests {
         let frame = offsets!(FrameData: eye focal right near up exposure forward points sky lights ground
             capacity shadow_origin shadow_cell shadow_size particle_stride open_origin open_cell open_size
             open_start position_origin component_stride
-            backdrop_top vignette backdrop_bottom bin_columns centre size tiles lit_each unused);
+            backdrop_top vignette backdrop_bottom lit_each centre size tiles faces samples sweeps);
         has_layout("Frame", size_of::<FrameData>(), &frame);
         let curve = offsets!(CurveData: base first count start offset wave log_albedo tilt bright grey
             has_colours detail);
@@ -360,6 +427,10 @@ mod tests {
         has_layout("Light", size_of::<LightData>(), &light);
         let triangle = offsets!(TriangleData: a va b vb c vc);
         has_layout("Triangle", size_of::<TriangleData>(), &triangle);
+        let sample = offsets!(SampleData: base first count grid weight width);
+        has_layout("Sample", size_of::<SampleData>(), &sample);
+        let sweep = offsets!(SweepData: direction cells size depths);
+        has_layout("Sweep", size_of::<SweepData>(), &sweep);
     }
 
     #[test]

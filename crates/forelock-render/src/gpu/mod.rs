@@ -11,8 +11,8 @@
 //! # Practice
 //! The device and its queue come from outside: WebGPU's default limits suffice, and no feature is
 //! needed. With timestamps ([`wgpu::Features::TIMESTAMP_QUERY`]) the [`FrameReport`] has the times
-//! of the stages. The device draws and lights the bodies. Shadow maps and the grids of optical depth
-//! are computed on the CPU and uploaded.
+//! of the stages. The device computes shadow maps, grids of optical depth and all light. The CPU
+//! places bodies and chooses strands.
 //!
 //! The list of pieces has no fixed size. [`GpuRenderer::render`] draws again with more room where
 //! pieces had none. [`GpuRenderer::render_to`] does not wait, so it cannot; a later frame has the

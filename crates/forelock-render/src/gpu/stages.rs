@@ -7,14 +7,18 @@ use super::hosted::{FrameData, NONE, TILE};
 use crate::colour::ALBEDO_FROM_ABSORPTION;
 use crate::fibre::{CROWD, FRESNEL_0, PATHS, REFLECTED, ROUGHNESS, SCALE_TILT};
 use crate::hair::{FILTER_RADIUS, MAX_PIECES, PIECE_PX};
-use crate::lighting::{EXTINCTION, WRAP};
+use crate::lighting::{EXTINCTION, SURFACE_DEPTH, WRAP};
 use crate::raster::OPAQUE;
-use crate::tiles::TILE as CPU_TILE;
+use crate::volume::OPEN_DIRECTIONS;
 
 /// Threads of a workgroup; in a tile, one a pixel.
 const THREADS: u32 = TILE * TILE;
 /// Numbers of pieces that an edge has room for.
 pub(super) const PIECES_EACH: u32 = 32;
+/// Threads that draw a triangle into the shadow maps.
+const SLICES: u32 = 4;
+/// The integer for an optical depth of 1. 1023 of them fit.
+const DEPOSIT_UNIT: f32 = 4_194_304.0;
 /// What the sizes of buffers are multiples of, bytes.
 const UNIT: u64 = 16;
 /// The largest number of workgroups of a dispatch along an axis that is used.
@@ -22,6 +26,9 @@ const MAX_GROUPS: u32 = 32_768;
 
 const FRAME: &str = include_str!("wgsl/frame.wgsl");
 const STRAND: &str = include_str!("wgsl/strand.wgsl");
+const VERTEX: &str = include_str!("wgsl/vertex.wgsl");
+const DEPOSIT: &str = include_str!("wgsl/deposit.wgsl");
+const LIGHT: &str = include_str!("wgsl/light.wgsl");
 const LIGHTS: &str = include_str!("wgsl/lights.wgsl");
 const PIECES: &str = include_str!("wgsl/pieces.wgsl");
 
@@ -51,10 +58,14 @@ pub(super) enum Slot {
     Triangles,
     Bins,
     Vertices,
+    Faces,
+    Deposits,
+    Samples,
+    Sweeps,
 }
 
 /// The number of slots.
-const SLOTS: usize = Vertices as usize + 1;
+const SLOTS: usize = Sweeps as usize + 1;
 
 /// A stage of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,6 +78,16 @@ pub(super) struct Stage {
 /// What the threads of a stage are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Threads {
+    /// Triangles of bodies.
+    Faces,
+    /// Several for each triangle.
+    FaceSlices,
+    /// Strands that the grids are made of.
+    Samples,
+    /// A workgroup for each direction in which a grid is swept.
+    Sweeps,
+    /// Cells of the grid for ambient light.
+    OpenCells,
     Points,
     /// Points on edges at which light is computed.
     Lit,
@@ -77,12 +98,26 @@ enum Threads {
 }
 
 use Slot::{
-    Albedos, Behind, Bins, Counts, Curves, Frame, Grids, Heights, Horizon, Lights, List, Nearness, Offsets,
-    Owners, Picture, Points, Positions, Radiance, Report, Triangles, Vertices, Widths,
+    Albedos, Behind, Bins, Counts, Curves, Deposits, Faces, Frame, Grids, Heights, Horizon, Lights, List,
+    Nearness, Offsets, Owners, Picture, Points, Positions, Radiance, Report, Samples, Sweeps, Triangles,
+    Vertices, Widths,
 };
 
 /// All stages, in the order in which they run.
-pub(super) const STAGES: [Stage; 8] = [
+pub(super) const STAGES: [Stage; 13] = [
+    Stage {
+        name: "map_shadows",
+        slots: &[Frame, Lights, Heights, Vertices, Faces],
+        threads: Threads::FaceSlices,
+    },
+    Stage {
+        name: "deposit_hair",
+        slots: &[Frame, Positions, Widths, Deposits, Samples],
+        threads: Threads::Samples,
+    },
+    Stage { name: "deposit_bodies", slots: &[Frame, Vertices, Faces, Deposits], threads: Threads::Faces },
+    Stage { name: "sweep", slots: &[Grids, Deposits, Sweeps], threads: Threads::Sweeps },
+    Stage { name: "open", slots: &[Frame, Grids], threads: Threads::OpenCells },
     Stage {
         name: "bodies",
         slots: &[Frame, Lights, Grids, Heights, Horizon, Behind, Nearness, Triangles, Bins, Vertices],
@@ -134,10 +169,27 @@ impl Stage {
     fn texts(&self) -> &'static [&'static str] {
         match self.name {
             "project" => &[FRAME, STRAND, include_str!("wgsl/project.wgsl")],
-            "bodies" => &[FRAME, LIGHTS, include_str!("wgsl/face.wgsl"), include_str!("wgsl/bodies.wgsl")],
-            "shade" => {
-                &[FRAME, STRAND, LIGHTS, include_str!("wgsl/fibre.wgsl"), include_str!("wgsl/shade.wgsl")]
-            }
+            "map_shadows" => &[FRAME, LIGHT, VERTEX, include_str!("wgsl/map_shadows.wgsl")],
+            "deposit_hair" => &[FRAME, DEPOSIT, include_str!("wgsl/deposit_hair.wgsl")],
+            "deposit_bodies" => &[FRAME, VERTEX, DEPOSIT, include_str!("wgsl/deposit_bodies.wgsl")],
+            "sweep" => &[FRAME, include_str!("wgsl/sweep.wgsl")],
+            "open" => &[FRAME, include_str!("wgsl/open.wgsl")],
+            "bodies" => &[
+                FRAME,
+                LIGHT,
+                LIGHTS,
+                VERTEX,
+                include_str!("wgsl/face.wgsl"),
+                include_str!("wgsl/bodies.wgsl"),
+            ],
+            "shade" => &[
+                FRAME,
+                STRAND,
+                LIGHT,
+                LIGHTS,
+                include_str!("wgsl/fibre.wgsl"),
+                include_str!("wgsl/shade.wgsl"),
+            ],
             "sort" => &[FRAME, include_str!("wgsl/sort.wgsl")],
             "resolve" => &[FRAME, PIECES, include_str!("wgsl/resolve.wgsl")],
             _ => &[FRAME, PIECES, include_str!("wgsl/bins.wgsl")],
@@ -149,6 +201,11 @@ impl Stage {
         let threads = match self.threads {
             Threads::Once => 1,
             Threads::Tiles => return frame.tiles,
+            Threads::Sweeps => return [frame.sweeps, 1],
+            Threads::Faces => frame.faces,
+            Threads::FaceSlices => frame.faces * SLICES,
+            Threads::Samples => frame.samples,
+            Threads::OpenCells => frame.open_cells(),
             Threads::Points => frame.points,
             Threads::Lit => frame.points * frame.lit_each,
         };
@@ -169,6 +226,8 @@ fn constants() -> String {
         ("TRT_PATH", PATHS[1]),
         ("ALBEDO_FROM_ABSORPTION", ALBEDO_FROM_ABSORPTION),
         ("EXTINCTION", EXTINCTION),
+        ("SURFACE_DEPTH", SURFACE_DEPTH),
+        ("DEPOSIT_UNIT", DEPOSIT_UNIT),
         ("WRAP_RED", WRAP.x),
         ("WRAP_GREEN", WRAP.y),
         ("WRAP_BLUE", WRAP.z),
@@ -180,9 +239,10 @@ fn constants() -> String {
     let numbers = [
         ("THREADS", THREADS),
         ("TILE", TILE),
-        ("BIN", CPU_TILE),
         ("NONE", NONE),
         ("PIECES_EACH", PIECES_EACH),
+        ("SLICES", SLICES),
+        ("OPEN_DIRECTIONS", OPEN_DIRECTIONS as u32),
     ];
     let mut text = String::new();
     // Writing to a string cannot fail.
@@ -377,7 +437,9 @@ fn described(slot: Slot) -> &'static str {
         Counts | Offsets | Horizon => "tiles",
         List => "pieces of strands",
         Report => "counts",
-        Behind | Nearness | Triangles | Bins | Vertices => "bodies",
+        Deposits | Sweeps => "grids of optical depth",
+        Samples => "strands of the grids",
+        Behind | Nearness | Triangles | Bins | Vertices | Faces => "bodies",
         Picture => "pixels",
     }
 }

@@ -284,15 +284,20 @@ impl GpuRenderer {
         self.write(Slot::Widths, bytemuck::cast_slice(&hair.widths))?;
         self.write(Slot::Albedos, bytemuck::cast_slice(&hair.albedos))?;
         self.write(Slot::Lights, bytemuck::cast_slice(&light.lights))?;
-        self.write(Slot::Grids, bytemuck::cast_slice(&light.grids))?;
-        self.write(Slot::Heights, bytemuck::cast_slice(&light.heights))?;
+        self.write(Slot::Samples, bytemuck::cast_slice(&light.samples))?;
+        self.write(Slot::Sweeps, bytemuck::cast_slice(&light.sweeps))?;
+        self.write(Slot::Faces, bytemuck::cast_slice(&bodies.faces))?;
         self.write(Slot::Triangles, bytemuck::cast_slice(&bodies.triangles))?;
         self.write(Slot::Bins, bytemuck::cast_slice(&bodies.bins))?;
         self.write(Slot::Vertices, bytemuck::cast_slice(&bodies.vertices))?;
         let tiles = u64::from(frame.tiles[0]) * u64::from(frame.tiles[1]);
         let pixels = u64::from(frame.size[0]) * u64::from(frame.size[1]);
         let points = u64::from(frame.points);
+        let [heights, grids, deposits] = light.room.map(|numbers| 4 * numbers as u64);
         let room = [
+            (Slot::Heights, heights),
+            (Slot::Grids, grids),
+            (Slot::Deposits, deposits),
             (Slot::Points, 16 * points),
             (Slot::Radiance, 8 * points * u64::from(frame.lit_each)),
             (Slot::Horizon, 4 * tiles),
@@ -317,7 +322,9 @@ impl GpuRenderer {
     }
 
     fn encode(&self, encoder: &mut wgpu::CommandEncoder, frame: &FrameData) -> Result<(), GpuRenderError> {
-        encoder.clear_buffer(self.memory.buffer(Slot::Counts)?, 0, None);
+        for slot in [Slot::Counts, Slot::Heights, Slot::Deposits] {
+            encoder.clear_buffer(self.memory.buffer(slot)?, 0, None);
+        }
         for (index, (stage, pipeline)) in STAGES.iter().zip(&self.pipelines).enumerate() {
             let bound = self.memory.bind_stage(&self.device, pipeline, stage)?;
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {

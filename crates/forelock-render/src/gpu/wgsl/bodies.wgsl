@@ -7,7 +7,7 @@
 @group(0) @binding(16) var behind: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(17) var nearness: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(19) var<storage, read> triangles: array<Triangle>;
-// For each tile of `BIN` pixels, the first of its triangles in the same array, and one number more.
+// For each tile the first of its triangles in the same array, and one number more.
 @group(0) @binding(20) var<storage, read> bins: array<u32>;
 @group(0) @binding(21) var<storage, read> vertices: array<Vertex>;
 
@@ -19,19 +19,6 @@ struct Triangle {
     vb: u32,
     c: vec3f,
     vc: u32,
-}
-
-// Of a body, world space.
-struct Vertex {
-    position: vec3f,
-    // 1 if it has a face.
-    has_face: f32,
-    normal: vec3f,
-    brow_red: f32,
-    skin: vec3f,
-    brow_green: f32,
-    rest: vec3f,
-    brow_blue: f32,
 }
 
 struct Surface {
@@ -86,6 +73,11 @@ fn of_body(surface: Surface) -> vec3f {
     for (var n = 0u; n < frame.lights; n += 1u) {
         let light = lights[n];
         let cosine = dot(normal, light.direction);
+        let wrap = vec3f(WRAP_RED, WRAP_GREEN, WRAP_BLUE);
+        let wrapped = max(vec3f(cosine) + wrap, vec3f(0.0)) / (1.0 + wrap);
+        if all(wrapped <= vec3f(0.0)) {
+            continue;
+        }
         var lit = 1.0;
         if light.heights != NONE {
             let out = position + (normal * 2.5 + light.direction * 2.0) * light.texel;
@@ -96,8 +88,6 @@ fn of_body(surface: Surface) -> vec3f {
             lit *= exp(-EXTINCTION * sample_grid(light.grid, frame.shadow_size, at));
         }
         let arriving = light.colour * lit;
-        let wrap = vec3f(WRAP_RED, WRAP_GREEN, WRAP_BLUE);
-        let wrapped = max(vec3f(cosine) + wrap, vec3f(0.0)) / (1.0 + wrap);
         diffuse += arriving * wrapped * wrapped;
         let half = normalize_or(light.direction + to_eye, normal);
         let m = 1.0 - clamp(dot(to_eye, half), 0.0, 1.0);
@@ -165,8 +155,7 @@ fn bodies(
     }
     workgroupBarrier();
     if inside {
-        let parent = group.xy * TILE / BIN;
-        let bin = parent.y * frame.bin_columns + parent.x;
+        let bin = group.y * frame.tiles.x + group.x;
         var found = vec4u(NONE);
         var depths = vec4f(0.0);
         for (var k = bins[bin]; k < bins[bin + 1u]; k += 1u) {

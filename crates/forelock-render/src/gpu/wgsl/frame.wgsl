@@ -36,15 +36,18 @@ struct Frame {
     backdrop_top: vec3f,
     vignette: f32,
     backdrop_bottom: vec3f,
-    // Columns of the lists of triangles.
-    bin_columns: u32,
+    // Points of an edge at which light is computed.
+    lit_each: u32,
     // Of the picture, pixels.
     centre: vec2f,
     size: vec2u,
     tiles: vec2u,
-    // Points of an edge at which light is computed.
-    lit_each: u32,
-    unused: u32,
+    // Triangles of bodies.
+    faces: u32,
+    // Strands that the grids are made of.
+    samples: u32,
+    // Directions in which grids are swept.
+    sweeps: u32,
 }
 
 // A strand or one of its children.

@@ -2,27 +2,11 @@
 
 const PI: f32 = 3.14159265;
 
-struct Light {
-    direction: vec3f,
-    texel: f32,
-    colour: vec3f,
-    // The first value of its shadow map in `heights`, or NONE.
-    heights: u32,
-    right: vec3f,
-    // The first value of its grid in `grids`, or NONE.
-    grid: u32,
-    up: vec3f,
-    // Texels along a side of its shadow map.
-    side: u32,
-    origin: vec3f,
-    unused: u32,
-}
-
 @group(0) @binding(6) var<storage, read> lights: array<Light>;
 // The optical depths towards each light, and the share of ambient light.
 @group(0) @binding(7) var<storage, read> grids: array<f32>;
-// Shadow maps.
-@group(0) @binding(8) var<storage, read> heights: array<f32>;
+// Shadow maps: `ordered` heights.
+@group(0) @binding(8) var<storage, read> heights: array<u32>;
 
 fn normalize_or(v: vec3f, other: vec3f) -> vec3f {
     let square = dot(v, v);
@@ -48,7 +32,7 @@ fn sample_grid(start: u32, size: vec3u, at: vec3f) -> f32 {
 fn visibility(light: Light, point: vec3f, softness: i32) -> f32 {
     let offset = point - light.origin;
     let p = vec2f(dot(offset, light.right), dot(offset, light.up)) / light.texel;
-    let height = dot(offset, light.direction);
+    let height = ordered(dot(offset, light.direction));
     let margin = f32(softness) + 1.0;
     if min(p.x, p.y) < margin || max(p.x, p.y) > f32(light.side) - margin - 1.0 {
         return 1.0;
