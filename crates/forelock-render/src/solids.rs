@@ -72,12 +72,13 @@ impl<'a> Solids<'a> {
             }
             solids.append(body);
         }
-        for source in 0..solids.triangles.len() as u32 {
-            let corners = solids.corners(source as usize);
+        let seen: Vec<Vec3> = solids.positions.iter().map(|&p| view.to_camera(p)).collect();
+        for (source, triangle) in solids.triangles.iter().enumerate() {
+            let corners = triangle.map(|v| seen[v as usize]);
             if corners.iter().all(|c| c.is_finite()) {
-                cut_at_near_plane(corners.map(|c| view.to_camera(c)), view.near, |triangle| {
+                cut_at_near_plane(corners, view.near, |triangle| {
                     let corners = triangle.map(|c| view.to_pixels(c));
-                    solids.screen.push(ScreenTriangle { corners, source });
+                    solids.screen.push(ScreenTriangle { corners, source: source as u32 });
                 });
             }
         }
