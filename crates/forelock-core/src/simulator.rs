@@ -26,13 +26,13 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-use crate::frame::{FrameInput, FramePlan, FrameReport, Solver};
+use crate::frame::{FrameInput, FramePlan, FrameReport, GridCells, Solver};
 use crate::groom::edit::Source;
 use crate::groom::{Groom, RootFrames};
 use crate::interaction::Interactions;
 use crate::params::ParamsError;
 use crate::pose::Pose;
-use crate::simulation::{RegroomError, Simulation};
+use crate::simulation::{RegroomError, Simulation, Touch};
 use crate::strands::{Between, Model, Snapshot, SnapshotError, Teleport};
 use glam::Vec3;
 use std::any::Any;
@@ -104,6 +104,44 @@ pub trait Simulator: Debug + Send {
     /// [`SimulatorError::Device`].
     fn read_positions_between(&mut self, moment: &Between, out: &mut Vec<Vec3>)
     -> Result<(), SimulatorError>;
+
+    /// By how much the tie of each particle to the rest shape has weakened, `[P]`, in the groom's
+    /// order: 0 for an intact one, 1 for a broken one. A device copies its whole state for it. Ties
+    /// weaken under some solvers only ([`FrameRules::ties_weaken`]).
+    ///
+    /// [`FrameRules::ties_weaken`]: crate::frame::FrameRules::ties_weaken
+    ///
+    /// # Errors
+    /// [`SimulatorError::Device`].
+    fn read_damage(&mut self, out: &mut Vec<f32>) -> Result<(), SimulatorError> {
+        let integrity = self.snapshot()?.integrity;
+        let model = self.model();
+        out.clear();
+        for strand in 0..model.strand_count {
+            let [first, end] = [strand, strand + 1].map(|own| model.offsets[own] as usize);
+            out.extend(integrity[first..end].iter().step_by(model.every as usize).map(|own| 1.0 - own));
+        }
+        Ok(())
+    }
+
+    /// Whether it tells contacts and the grid.
+    fn tells_interactions(&self) -> bool {
+        false
+    }
+
+    /// The contacts of each particle in the last frame, `[P]`, in the groom's order: see
+    /// [`Simulation::touches`]. Returns false, and an empty list, where they are not known: always
+    /// without [`tells_interactions`](Self::tells_interactions).
+    fn touches(&self, out: &mut Vec<Touch>) -> bool {
+        out.clear();
+        false
+    }
+
+    /// The cells of the grid on which strands interact, in the last frame: see
+    /// [`Simulation::grid_cells`]. None without [`tells_interactions`](Self::tells_interactions).
+    fn grid_cells(&self) -> Option<GridCells> {
+        None
+    }
 
     /// A copy of the state that resumes bit for bit.
     ///
@@ -229,6 +267,23 @@ impl Simulator for HostPositions {
     ) -> Result<(), SimulatorError> {
         self.simulation.state().positions_between(self.simulation.model(), moment, out);
         Ok(())
+    }
+
+    fn read_damage(&mut self, out: &mut Vec<f32>) -> Result<(), SimulatorError> {
+        self.simulation.damage(out);
+        Ok(())
+    }
+
+    fn tells_interactions(&self) -> bool {
+        true
+    }
+
+    fn touches(&self, out: &mut Vec<Touch>) -> bool {
+        self.simulation.touches(out)
+    }
+
+    fn grid_cells(&self) -> Option<GridCells> {
+        self.simulation.grid_cells()
     }
 
     fn snapshot(&mut self) -> Result<Snapshot<f32>, SimulatorError> {

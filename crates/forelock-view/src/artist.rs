@@ -16,6 +16,7 @@ use std::thread::JoinHandle;
 use std::time::Instant;
 
 use crate::ghost::Ghost;
+use crate::lattice::Lattice;
 use crate::measure::Measure;
 use eframe::egui;
 use forelock::player::Moment;
@@ -49,6 +50,8 @@ pub struct Wanted {
     pub previous: Option<Arc<Moment>>,
     /// Whether the rest shape is drawn too.
     pub has_ghost: bool,
+    /// Whether the grid is drawn too, if the hair has one.
+    pub has_grid: bool,
     /// Whether the next frame comes soon: then not all pixels are drawn, if that takes long.
     pub moves: bool,
 }
@@ -58,7 +61,8 @@ impl Wanted {
     fn shows_the_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.moment, &other.moment)
             && (self.camera, self.size, &self.hair) == (other.camera, other.size, &other.hair)
-            && (self.measure, self.has_ghost, self.moves) == (other.measure, other.has_ghost, other.moves)
+            && (self.measure, self.has_ghost, self.has_grid, self.moves)
+                == (other.measure, other.has_ghost, other.has_grid, other.moves)
     }
 }
 
@@ -235,6 +239,8 @@ impl Hand {
         }
         let ghost = wanted.has_ghost.then(|| Ghost::new(&wanted.moment));
         scene.strands.extend(ghost.as_ref().map(Ghost::strands));
+        let grid = wanted.moment.told.grid.as_ref().filter(|_| wanted.has_grid).map(Lattice::new);
+        scene.strands.extend(grid.as_ref().map(Lattice::strands));
         let easel = &mut self.easel;
         let mut paint = || match easel {
             Some(easel) => easel.draw(&scene, &settings).map_err(|error| error.to_string()),

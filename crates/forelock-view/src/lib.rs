@@ -13,6 +13,7 @@
 mod app;
 mod artist;
 mod ghost;
+mod lattice;
 mod measure;
 mod orbit;
 pub mod panel;

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use forelock::player::Moment;
+use forelock::player::{Asked, Moment, Touch, Untold, WhyUntold};
 use forelock_core::groom::Groom;
 use forelock_core::pose::Pose;
 use glam::Vec3;
@@ -27,11 +27,23 @@ pub enum Measure {
     Displacement,
     /// How much denser hair is around a particle than around it at rest.
     Density,
+    /// By how much the tie to the rest shape has weakened.
+    Damage,
+    /// What a particle touched in the solver's last step.
+    Contacts,
 }
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Hair, Self::Stretch, Self::Speed, Self::Displacement, Self::Density];
+    pub const ALL: [Self; 7] = [
+        Self::Hair,
+        Self::Stretch,
+        Self::Speed,
+        Self::Displacement,
+        Self::Density,
+        Self::Damage,
+        Self::Contacts,
+    ];
 
     /// Its name in the window, and what the end of the scale stands for.
     pub fn words(self) -> (&'static str, &'static str) {
@@ -41,21 +53,46 @@ impl Measure {
             Self::Speed => ("Speed", "2 m/s relative to the head"),
             Self::Displacement => ("Displacement", "10 cm from the rest shape"),
             Self::Density => ("Density", "twice as dense as at rest"),
+            Self::Damage => ("Damage", "the tie to the rest shape is broken"),
+            Self::Contacts => ("Contacts", ""),
         }
     }
 
     /// The value at the end of the scale: a ratio, m/s, metres.
     fn end(self) -> f32 {
         match self {
-            Self::Hair | Self::Density => 1.0,
+            Self::Hair | Self::Density | Self::Damage | Self::Contacts => 1.0,
             Self::Stretch => 0.01,
             Self::Speed => 2.0,
             Self::Displacement => 0.1,
         }
     }
 
-    /// The colour of each particle of `moment`, linear RGB; none for hair. `previous` is a frame
-    /// before it, for speeds.
+    /// What it needs of moments besides positions.
+    pub fn asks(self) -> Asked {
+        Asked { damage: self == Self::Damage, contacts: self == Self::Contacts, grid: false }
+    }
+
+    /// Why it cannot be shown, if it cannot.
+    pub fn untold(self, untold: &Untold) -> Option<WhyUntold> {
+        match self {
+            Self::Damage => untold.damage,
+            Self::Contacts => untold.contacts,
+            _ => None,
+        }
+    }
+
+    /// Whether `moment` holds what it needs.
+    pub fn is_told(self, moment: &Moment) -> bool {
+        match self {
+            Self::Damage => moment.told.damage.is_some(),
+            Self::Contacts => moment.told.contacts.is_some(),
+            _ => true,
+        }
+    }
+
+    /// The colour of each particle of `moment`, linear RGB; none for hair, and where `moment` does
+    /// not hold what it needs. `previous` is a frame before it, for speeds.
     pub fn colours(self, moment: &Moment, previous: Option<&Moment>) -> Option<Vec<[f32; 3]>> {
         let values = match self {
             Self::Hair => return None,
@@ -65,6 +102,11 @@ impl Measure {
             Self::Density => {
                 let now: Vec<Vec3> = in_head(moment).collect();
                 compressions(moment.groom(), &now)
+            }
+            Self::Damage => moment.told.damage.clone()?,
+            Self::Contacts => {
+                let touches = moment.told.contacts.as_ref()?;
+                return Some(touches.iter().map(|own| colour_of(*own)).collect());
             }
         };
         Some(values.into_iter().map(|value| colour((value / self.end()).abs())).collect())
@@ -78,6 +120,24 @@ pub fn colour(share: f32) -> [f32; 3] {
     let at = if share > 0.0 { 2.0 * share.min(1.0) } else { 0.0 };
     let mixed = if at < 1.0 { STOPS[0].lerp(STOPS[1], at) } else { STOPS[1].lerp(STOPS[2], at - 1.0) };
     mixed.to_array()
+}
+
+/// The kinds of contacts, with their words in the window.
+pub const TOUCHES: [(Touch, &str); 4] = [
+    (Touch { strands: false, solids: false }, "none"),
+    (Touch { strands: true, solids: false }, "with strands"),
+    (Touch { strands: false, solids: true }, "with solids"),
+    (Touch { strands: true, solids: true }, "with both"),
+];
+
+/// The colour of a kind of contact, linear RGB.
+pub fn colour_of(touch: Touch) -> [f32; 3] {
+    match (touch.strands, touch.solids) {
+        (false, false) => colour(0.0),
+        (true, false) => colour(1.0),
+        (false, true) => [0.06, 0.5, 0.12],
+        (true, true) => [0.85, 0.75, 0.5],
+    }
 }
 
 /// Relative changes of length of the longer-changed edge at each particle.
@@ -161,7 +221,8 @@ mod tests {
         let sets = sets.into_iter().collect::<Result<Vec<_>, _>>()?;
         let mut player = Player::builder(Scene::builtin(&sets)?).backend(Backend::Cpu).build()?;
         let rest = player.moment()?;
-        for measure in [Measure::Stretch, Measure::Speed, Measure::Displacement, Measure::Density] {
+        let measures = [Measure::Stretch, Measure::Speed, Measure::Displacement, Measure::Density];
+        for measure in measures {
             let colours = measure.colours(&rest, None).ok_or("colours")?;
             assert_eq!(colours.len(), rest.positions.len());
             let is_blue = |own: &[f32; 3]| own[2] > 3.0 * own[0];
@@ -184,6 +245,33 @@ mod tests {
         // A frame long before, and one after it, tell no speed.
         assert_eq!(mean(speeds(&now, Some(&rest))), 0.0);
         assert_eq!(mean(speeds(&before, Some(&now))), 0.0);
+        Ok(())
+    }
+
+    #[test]
+    fn what_a_moment_does_not_tell_is_not_shown() -> Result<(), Box<dyn std::error::Error>> {
+        let weak = ["solver.ams.non_hookean=true", "solver.ams.elastic_limit=0"];
+        let sets = [&weak[..], &["groom.strands=40", "body.sdf_cells=32"]].concat();
+        let sets = sets.into_iter().map(Override::set).collect::<Result<Vec<_>, _>>()?;
+        let mut player = Player::builder(Scene::builtin(&sets)?).backend(Backend::Cpu).build()?;
+        (0..30).try_for_each(|_| player.step().map(drop))?;
+        let silent = player.moment()?;
+        for measure in [Measure::Damage, Measure::Contacts] {
+            assert!(!measure.is_told(&silent) && measure.colours(&silent, None).is_none());
+            let moment = player.moment_with(measure.asks())?;
+            assert!(measure.is_told(&moment));
+            let colours = measure.colours(&moment, None).ok_or("colours")?;
+            assert_eq!(colours.len(), moment.positions.len());
+            // Roots are clamped: nothing weakens or moves them.
+            assert_eq!(colours[moment.groom().strand_offsets()[3] as usize], colour(0.0));
+            assert!(colours.iter().any(|own| *own != colour(0.0)), "{measure:?}");
+        }
+        let touches = player.moment_with(Measure::Contacts.asks())?.told.contacts.ok_or("contacts")?;
+        let green = colour_of(TOUCHES[2].0);
+        let colours = Measure::Contacts.colours(&player.moment_with(Measure::Contacts.asks())?, None);
+        for (own, touch) in colours.ok_or("colours")?.iter().zip(&touches) {
+            assert_eq!(*own == green, touch.solids && !touch.strands);
+        }
         Ok(())
     }
 

@@ -6,6 +6,7 @@
 //! It does not need to know whether strands are solved by forces or by constraints: [`with_motion`]
 //! gives it the velocities with which hair moves.
 
+use super::cells::GridCells;
 use super::plan::Exchange;
 use super::report::FrameReport;
 use crate::body::ColliderFrame;
@@ -82,6 +83,17 @@ pub trait Interaction<T>: Debug + Send + Sync {
         report: &mut FrameReport,
     ) {
         let _ = (cx, state, report);
+    }
+
+    /// Calls `visit` with each particle of the contacts between strands that its last exchange
+    /// resolved, perhaps more than once: place × [`LANES`] + lane. Of other interactions, none.
+    fn each_in_contact(&self, visit: &mut dyn FnMut(u32)) {
+        let _ = visit;
+    }
+
+    /// The cells that held hair in its last exchange; none of an interaction without a grid.
+    fn cells(&self) -> Option<GridCells> {
+        None
     }
 
     /// Is built again for a model that has changed.

@@ -5,6 +5,7 @@
 //! the [`Exchange`]s of the interactions, and read by the CPU and by the GPU.
 
 mod acceleration;
+mod cells;
 mod context;
 mod crew;
 mod exchange;
@@ -20,6 +21,7 @@ mod solver;
 
 pub use crate::strands::{Channel, ChannelKind, LaneGroup};
 pub use acceleration::{ACCELERATION_WGSL, Acceleration, LATTICE};
+pub use cells::{GridCell, GridCells};
 pub use context::{FrameContext, Substep};
 pub(crate) use crew::Crew;
 pub(crate) use exchange::shared_secs;

@@ -43,6 +43,8 @@ pub struct FrameRules {
     pub restores_own_lengths: bool,
     /// Whether drag differs from particle to particle even where the air does not.
     pub local_drag: bool,
+    /// Whether ties to the rest shape weaken ([`State::integrity`]).
+    pub ties_weaken: bool,
 }
 
 impl Default for FrameRules {
@@ -62,6 +64,7 @@ impl Default for FrameRules {
             solver_collides: false,
             restores_own_lengths: false,
             local_drag: false,
+            ties_weaken: false,
         }
     }
 }

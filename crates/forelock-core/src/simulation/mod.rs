@@ -3,9 +3,11 @@
 mod regroom;
 mod sleep;
 mod step;
+mod touches;
 
 pub use crate::strands::Teleport;
 pub use regroom::{RegroomError, Regroomed, regroom};
+pub use touches::Touch;
 
 use crate::frame::{
     Exchange, FrameInput, FramePlan, FrameReport, Interaction, PlannedStep, Solver, SolverReal,
@@ -23,6 +25,7 @@ use crate::pose::Pose;
 use crate::strands::{Masses, Model, PackError, Snapshot, SnapshotError, State, Strands};
 use glam::{DVec3, Vec3};
 use step::Workspace;
+use touches::LastFrame;
 
 /// The frame that is planned before the length of one is known, seconds.
 const USUAL_FRAME_SECS: f64 = 1.0 / 60.0;
@@ -170,6 +173,8 @@ pub struct Simulation<T: SimulationReal = f32> {
     /// Substeps of `plan`.
     substeps: u32,
     plan: FramePlan,
+    /// What is known of contacts.
+    last_frame: LastFrame,
 }
 
 impl Simulation<f32> {
@@ -216,7 +221,8 @@ impl<T: SimulationReal> Simulation<T> {
         let (rules, interactions) = (solver.rules(), Vec::new());
         let substeps = rules.substeps(USUAL_FRAME_SECS);
         let plan = FramePlan::new(&rules, substeps, &[]);
-        Ok(Self { model, state, workspace, solver, options: *options, interactions, substeps, plan })
+        let (options, last_frame) = (*options, LastFrame::Unknown);
+        Ok(Self { model, state, workspace, solver, options, interactions, substeps, plan, last_frame })
     }
 
     fn replan(&mut self) {
@@ -250,6 +256,7 @@ impl<T: SimulationReal> Simulation<T> {
         let name = interaction.exchange_plan().name;
         self.interactions.retain(|own| own.exchange_plan().name != name);
         self.interactions.push(interaction);
+        self.last_frame = LastFrame::Unknown;
         self.wake();
         self.replan();
     }
@@ -257,6 +264,7 @@ impl<T: SimulationReal> Simulation<T> {
     /// Removes the interaction `name`, if there is one.
     pub fn remove_interaction(&mut self, name: &str) {
         self.interactions.retain(|own| own.exchange_plan().name != name);
+        self.last_frame = LastFrame::Unknown;
         self.wake();
         self.replan();
     }
@@ -326,6 +334,7 @@ impl<T: SimulationReal> Simulation<T> {
     /// Builds the workspace and the interactions again for a model that has changed.
     fn fit_workspace(&mut self) {
         let simd = self.options.simd.resolve();
+        self.last_frame = LastFrame::Unknown;
         self.workspace.fit(&self.model);
         self.interactions.iter_mut().for_each(|own| own.rebuild(&self.model, simd));
     }
@@ -338,7 +347,11 @@ impl<T: SimulationReal> Simulation<T> {
     /// positive.
     pub fn step_frame(&mut self, frame: &FrameInput<'_>) -> Result<FrameReport, ParamsError> {
         let plan = self.plan_for(frame.dt_secs);
-        T::run_steps(self, frame, plan.steps())
+        self.last_frame = LastFrame::Unknown;
+        let report = T::run_steps(self, frame, plan.steps())?;
+        let is_asleep = report.sleeping_strands as usize == self.model.strand_count;
+        self.last_frame = if is_asleep { LastFrame::Asleep } else { LastFrame::Awake };
+        Ok(report)
     }
 
     /// Runs some consecutive steps of a frame ([`Simulation::plan_for`]), for an executor that runs
@@ -353,6 +366,7 @@ impl<T: SimulationReal> Simulation<T> {
         frame: &FrameInput<'_>,
         steps: &[PlannedStep],
     ) -> Result<FrameReport, ParamsError> {
+        self.last_frame = LastFrame::Unknown;
         T::run_steps(self, frame, steps)
     }
 
@@ -368,12 +382,14 @@ impl<T: SimulationReal> Simulation<T> {
 
     /// The state, mutable; all strands wake.
     pub fn state_mut(&mut self) -> &mut State<T> {
+        self.last_frame = LastFrame::Unknown;
         self.wake();
         &mut self.state
     }
 
     /// The model, and the state to be changed; all strands wake.
     pub fn parts_mut(&mut self) -> (&Model<T>, &mut State<T>) {
+        self.last_frame = LastFrame::Unknown;
         self.wake();
         (&self.model, &mut self.state)
     }
@@ -424,16 +440,19 @@ impl<T: SimulationReal> Simulation<T> {
     /// [`SnapshotError`] if it is of another groom, or lacks a channel of the solver.
     pub fn restore(&mut self, snapshot: &Snapshot<T>) -> Result<(), SnapshotError> {
         self.workspace.sleeper.forget();
+        self.last_frame = LastFrame::Unknown;
         self.state.restore(&self.model, snapshot)
     }
 
     /// Invalidates the clearances. Call it when the set of colliders changes.
     pub fn forget_solids(&mut self) {
+        self.last_frame = LastFrame::Unknown;
         self.state.forget_solids();
     }
 
     /// Moves the hair for a jump of the head from pose `from` to pose `to` between frames.
     pub fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) {
+        self.last_frame = LastFrame::Unknown;
         if mode == Teleport::Reset {
             self.state = State::at_rest(&self.model, to);
             self.solver.channels().prepare(&mut self.model, &mut self.state);
@@ -449,6 +468,7 @@ impl<T: SimulationReal> Simulation<T> {
     /// # Panics
     /// If `frames` are not one a strand.
     pub fn rest_on(&mut self, head: &Pose, frames: &RootFrames) {
+        self.last_frame = LastFrame::Unknown;
         self.state = State::at_rest_on(&self.model, head, frames);
         self.solver.channels().prepare(&mut self.model, &mut self.state);
     }

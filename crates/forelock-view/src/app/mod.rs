@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use eframe::egui;
 use eframe::egui::{Key, Modifiers};
-use forelock::player::Moment;
+use forelock::player::{Asked, Moment};
 use forelock::scene::HairSection;
 use forelock::session::{Phase, Session, Status};
 use forelock::{Backend, Scene};
@@ -67,6 +67,8 @@ pub struct App {
     measure: Measure,
     /// Whether the rest shape is drawn.
     has_ghost: bool,
+    /// Whether the grid is drawn.
+    has_grid: bool,
     /// The frames shown last, the newest at the end.
     recent: [Option<Arc<Moment>>; 2],
     artist: Artist,
@@ -138,6 +140,7 @@ impl App {
             cache,
             measure: Measure::default(),
             has_ghost: false,
+            has_grid: false,
             recent: [None, None],
             next: None,
             backend,
@@ -219,6 +222,7 @@ impl App {
     pub fn show(&mut self, ui: &mut egui::Ui) {
         let ctx = ui.ctx().clone();
         self.take_next();
+        self.session.ask(Asked { grid: self.has_grid, ..self.measure.asks() });
         let status = self.session.status();
         let moment = self.session.moment();
         if let Some(error) = &status.error {
@@ -229,9 +233,7 @@ impl App {
         self.take_news();
         if let Some(moment) = &moment {
             self.times.add(moment.frame, &status);
-            if !self.recent[1].as_ref().is_some_and(|last| Arc::ptr_eq(last, moment)) {
-                self.recent = [self.recent[1].take(), Some(moment.clone())];
-            }
+            self.note(moment);
             if self.framed.is_none() {
                 self.frame_scene(moment);
             }
@@ -253,6 +255,20 @@ impl App {
         self.dialogs(&ctx);
         self.drops(&ctx);
         self.screenshots(&ctx, &status);
+    }
+
+    /// Notes that `moment` is shown. The one before it stays while the same frame comes again, with
+    /// something that was asked for.
+    fn note(&mut self, moment: &Arc<Moment>) {
+        let [before, last] = &mut self.recent;
+        if last.as_ref().is_some_and(|last| Arc::ptr_eq(last, moment)) {
+            return;
+        }
+        let is_again = |last: &Arc<Moment>| (last.frame, last.time_secs) == (moment.frame, moment.time_secs);
+        if !last.as_ref().is_some_and(is_again) {
+            *before = last.take();
+        }
+        *last = Some(moment.clone());
     }
 
     /// Places the camera as the scene says.
@@ -383,8 +399,9 @@ impl App {
             ui.label(format!("{} is played back. Open its scene to change it.", cache.display()));
         }
         egui::CollapsingHeader::new("Colours").show(ui, |ui| {
-            see::measures(ui, &mut self.measure);
+            see::measures(ui, &mut self.measure, status, moment);
             ui.checkbox(&mut self.has_ghost, "Rest shape").on_hover_text("Draws the rest shape in blue");
+            see::grid(ui, &mut self.has_grid, status, moment);
             see::colours(ui, &mut self.hair);
         });
         if let Some(parameters) = &status.parameters {
@@ -423,6 +440,7 @@ impl App {
             measure: self.measure,
             previous: self.recent[0].clone(),
             has_ghost: self.has_ghost,
+            has_grid: self.has_grid,
             moves: status.playing,
         });
         self.take_picture(ui.ctx());

@@ -3,36 +3,97 @@
 use std::collections::VecDeque;
 
 use eframe::egui;
-use forelock::player::Moment;
+use forelock::player::{Asked, Moment};
 use forelock::scene::HairSection;
 use forelock::session::Status;
 use forelock_render::HairColour;
 
-use crate::measure::Measure;
+use crate::measure::{self, Measure};
 
 /// Frames in the plot of times.
 const PLOTTED: usize = 120;
 
-/// What the colours of strands show, with its scale.
-pub fn measures(ui: &mut egui::Ui, measure: &mut Measure) {
+/// What is said while something is not known of the frame that is shown.
+const NOT_YET: &str = "Not known of this frame: the next one has it.";
+
+/// What the colours of strands show, with its scale. What cannot be shown says why.
+pub fn measures(ui: &mut egui::Ui, measure: &mut Measure, status: &Status, moment: Option<&Moment>) {
     egui::ComboBox::from_label("Strands show").selected_text(measure.words().0).show_ui(ui, |ui| {
         for own in Measure::ALL {
-            ui.selectable_value(measure, own, own.words().0);
+            let why = own.untold(&status.untold);
+            let line = egui::Button::selectable(*measure == own, own.words().0);
+            let mut line = ui.add_enabled(why.is_none(), line);
+            if let Some(why) = why {
+                line = line.on_disabled_hover_text(why.to_string());
+            }
+            if line.clicked() {
+                *measure = own;
+            }
         }
     });
-    if *measure != Measure::Hair {
-        ui.horizontal(|ui| {
-            ui.weak("0");
-            let (rect, _) = ui.allocate_exact_size(egui::vec2(120.0, 10.0), egui::Sense::hover());
-            for step in 0_u8..24 {
-                let [low, high] =
-                    [step, step + 1].map(|own| rect.left() + f32::from(own) / 24.0 * rect.width());
-                let [r, g, b] = crate::measure::colour((f32::from(step) + 0.5) / 24.0);
-                let part = egui::Rect::from_x_y_ranges(low..=high, rect.y_range());
-                ui.painter().rect_filled(part, 0.0, egui::Rgba::from_rgb(r, g, b));
+    if let Some(why) = measure.untold(&status.untold) {
+        ui.weak(format!("Not shown: {why}."));
+        return;
+    }
+    match *measure {
+        Measure::Hair => {}
+        Measure::Contacts => touches(ui, status),
+        _ => scale(ui, measure.words().1),
+    }
+    if moment.is_some_and(|moment| !measure.is_told(moment)) {
+        ui.weak(NOT_YET);
+    }
+    if measure.asks() != Asked::default() && status.has_guides {
+        ui.weak("Strands that follow guides show their nearest guide.");
+    }
+}
+
+/// The choice of whether the grid is drawn, with its scale.
+pub fn grid(ui: &mut egui::Ui, has_grid: &mut bool, status: &Status, moment: Option<&Moment>) {
+    let why = status.untold.grid;
+    let choice = ui.add_enabled(why.is_none() || *has_grid, egui::Checkbox::new(has_grid, "Grid"));
+    choice
+        .on_hover_text("Draws the cells that hold hair, coloured by its density")
+        .on_disabled_hover_text(why.map_or_else(String::new, |why| why.to_string()));
+    match why {
+        _ if !*has_grid => {}
+        Some(why) => drop(ui.weak(format!("Not shown: {why}."))),
+        None => {
+            scale(ui, "twice as dense as at rest");
+            if moment.is_some_and(|moment| moment.told.grid.is_none()) {
+                ui.weak(NOT_YET);
             }
-            ui.weak(measure.words().1);
-        });
+        }
+    }
+}
+
+/// The scale of colours, up to what `end` says.
+fn scale(ui: &mut egui::Ui, end: &str) {
+    ui.horizontal(|ui| {
+        ui.weak("0");
+        let (rect, _) = ui.allocate_exact_size(egui::vec2(120.0, 10.0), egui::Sense::hover());
+        for step in 0_u8..24 {
+            let [low, high] = [step, step + 1].map(|own| rect.left() + f32::from(own) / 24.0 * rect.width());
+            let [r, g, b] = measure::colour((f32::from(step) + 0.5) / 24.0);
+            let part = egui::Rect::from_x_y_ranges(low..=high, rect.y_range());
+            ui.painter().rect_filled(part, 0.0, egui::Rgba::from_rgb(r, g, b));
+        }
+        ui.weak(end);
+    });
+}
+
+/// The colours of contacts.
+fn touches(ui: &mut egui::Ui, status: &Status) {
+    ui.horizontal_wrapped(|ui| {
+        for (touch, words) in measure::TOUCHES {
+            let (rect, _) = ui.allocate_exact_size(egui::vec2(10.0, 10.0), egui::Sense::hover());
+            let [r, g, b] = measure::colour_of(touch);
+            ui.painter().rect_filled(rect, 2.0, egui::Rgba::from_rgb(r, g, b));
+            ui.weak(words);
+        }
+    });
+    if status.parameters.as_ref().is_some_and(|own| !own.interaction.contacts) {
+        ui.weak("Contacts between strands are off: those with solids are shown.");
     }
 }
 

@@ -3,6 +3,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot build its scene fails")]
 
+mod colours;
 #[cfg(target_os = "linux")]
 mod display;
 
@@ -377,24 +378,6 @@ fn films_are_made_from_where_the_camera_is() {
     window.choose("File", "Film…");
     window.answer(&folder.path().join("film.mp4").display().to_string());
     window.until("there is a message", |app| app.message().is_some_and(|text| text.contains("animated PNG")));
-}
-
-#[test]
-fn colours_of_strands_show_what_they_do() {
-    let mut window = Window::open(scene(&[]));
-    let picture = |app: &App| app.pictures();
-    window.until("there is a picture", move |app| picture(app) > 0);
-    window.click("Colours");
-    window.harness.get_by_role_and_label(egui::accesskit::Role::ComboBox, "Strands show").click();
-    window.until_the_picture_stays();
-    let before = picture(window.harness.state());
-    window.click("Displacement");
-    window.until("it is drawn anew", move |app| picture(app) > before);
-    window.harness.get_by_label("10 cm from the rest shape");
-    window.until_the_picture_stays();
-    let before = picture(window.harness.state());
-    window.click("Rest shape");
-    window.until("the rest shape is drawn", move |app| picture(app) > before);
 }
 
 #[test]

@@ -151,6 +151,11 @@ impl Engine {
         &mut *self.simulator
     }
 
+    /// Whether contacts are told.
+    pub fn tells_interactions(&self) -> bool {
+        self.simulator.tells_interactions()
+    }
+
     /// A 64-bit hash of the state.
     pub fn state_hash(&mut self) -> Result<u64, PlayerError> {
         Ok(self.simulator.snapshot()?.hash())

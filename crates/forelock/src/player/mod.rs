@@ -56,6 +56,7 @@ mod regrooming;
 mod report;
 mod stepping;
 mod timeline;
+mod told;
 mod track;
 
 use std::sync::Arc;
@@ -74,6 +75,9 @@ pub use history::HistoryOptions;
 pub use moment::{Moment, Parameters};
 pub use past::PlayerSnapshot;
 pub use report::{Counters, Jump, StepReport};
+pub use told::{Asked, Told, Untold, WhyUntold};
+
+pub use forelock_core::simulation::Touch;
 
 use crate::assets::Assets;
 use crate::penetration::{Layout, MeasuredSolid, Penetration};

@@ -12,6 +12,7 @@ use glam::Vec3;
 
 use super::regrooming::Covering;
 use super::timeline::Change;
+use super::told::{Asked, Told};
 use super::{Player, PlayerError};
 use crate::assets::{Assets, Solid};
 use crate::pictures::{self, Studio};
@@ -28,6 +29,8 @@ pub struct Moment {
     pub head: Pose,
     /// All strands, those that guides carry included, metres, in the order of [`Moment::groom`].
     pub positions: Vec<Vec3>,
+    /// What was asked for besides: see [`Player::moment_with`].
+    pub told: Told,
     assets: Arc<Assets>,
     /// The edited groom that `positions` are of; none for that of the assets.
     edited: Option<Arc<Groom>>,
@@ -57,8 +60,8 @@ impl Moment {
         let head = assets.head_pose(time_secs);
         let bent = bent(&assets, time_secs);
         let solids = assets.solids().iter().map(|solid| (solid.clone(), solid.pose(time_secs, &head)));
-        let solids = solids.collect();
-        Self { frame, time_secs, head, positions, edited: None, covering: None, bent, solids, assets }
+        let (solids, told) = (solids.collect(), Told::default());
+        Self { frame, time_secs, head, positions, told, edited: None, covering: None, bent, solids, assets }
     }
 
     /// The groom that the positions are of, at rest; for a cache its first frame.
@@ -120,8 +123,18 @@ impl Player {
     /// # Errors
     /// [`PlayerError`] if the device has failed.
     pub fn moment(&mut self) -> Result<Moment, PlayerError> {
+        self.moment_with(Asked::default())
+    }
+
+    /// The present frame, with what is `asked` for besides, as far as it is known
+    /// ([`Player::untold`]).
+    ///
+    /// # Errors
+    /// [`PlayerError`] if the device has failed.
+    pub fn moment_with(&mut self, asked: Asked) -> Result<Moment, PlayerError> {
         let mut positions = Vec::new();
         self.positions(&mut positions)?;
+        let told = self.told(asked)?;
         let time_secs = self.time_secs();
         let solids = self.live.solids.iter();
         Ok(Moment {
@@ -129,6 +142,7 @@ impl Player {
             time_secs,
             head: self.head_pose(),
             positions,
+            told,
             assets: self.assets.clone(),
             edited: self.live.grooming.shown_groom().cloned(),
             covering: self.live.grooming.covering.clone(),

@@ -146,6 +146,14 @@ impl Grooming {
         self.groom.as_ref().filter(|_| self.own_layout)
     }
 
+    /// The simulated particle that is nearest to each one of the layout that is shown; none where
+    /// both are the same.
+    pub fn nearest(&self) -> Option<impl Iterator<Item = usize>> {
+        let differs = self.groom.is_some() && !self.own_layout;
+        let nearest = |own: &Place| own.particle as usize + usize::from(own.fraction > 0.5);
+        differs.then(|| self.places.iter().map(nearest))
+    }
+
     /// Positions in the layout that is shown, of those that `simulated` writes; `buffer` is
     /// scratch.
     pub fn positions(

@@ -45,7 +45,7 @@ use std::thread::JoinHandle;
 use forelock_core::frame::FrameReport;
 
 use crate::backend::Backend;
-use crate::player::{Moment, Parameters, Player, PlayerError};
+use crate::player::{Asked, Moment, Parameters, Player, PlayerError, Untold};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use recording::Recording;
@@ -96,6 +96,12 @@ pub struct Status {
     pub device: String,
     /// What can be changed, as it is now; none while a cache is played back.
     pub parameters: Option<Arc<Parameters>>,
+    /// What moments tell besides positions, as it was ordered.
+    pub asked: Asked,
+    /// What they cannot tell.
+    pub untold: Untold,
+    /// Whether some strands are not simulated: guides carry them.
+    pub has_guides: bool,
 }
 
 /// What thread and owner share.
@@ -218,6 +224,15 @@ impl Session {
     /// Starts again at the first frame after `frames`; none goes on without end.
     pub fn set_loop(&self, frames: Option<u32>) {
         self.order(Order::Loop(frames));
+    }
+
+    /// Asks for what moments tell besides positions, from the present one on. It takes time in each
+    /// frame, and nothing while nothing is asked for.
+    pub fn ask(&self, asked: Asked) {
+        let before = std::mem::replace(&mut self.shared.status().asked, asked);
+        if !asked.is_in(before) {
+            self.order(Order::Ask);
+        }
     }
 
     /// Does `task` before the next frame. `what` names it in messages: "the edit", "the wind".

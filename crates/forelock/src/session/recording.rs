@@ -11,7 +11,7 @@ use super::Status;
 use super::worker::{Source, Task};
 use crate::assets::Assets;
 use crate::pictures;
-use crate::player::Moment;
+use crate::player::{Asked, Moment, Untold};
 use crate::scene::Scene;
 
 /// A cache, open at one of its frames, with body and solids where the scene has them.
@@ -67,7 +67,7 @@ impl Source for Recording {
         Err(format!("{} is played back: open its scene to change it", self.name()))
     }
 
-    fn moment(&mut self) -> Result<Moment, String> {
+    fn moment(&mut self, _: Asked) -> Result<Moment, String> {
         let mut positions: Vec<Vec3> = Vec::new();
         self.cache.read_frame(self.frame as usize, &mut positions).map_err(|error| error.to_string())?;
         Ok(Moment::recorded(self.assets.clone(), self.frame, self.time_secs(), positions))
@@ -76,5 +76,6 @@ impl Source for Recording {
     fn tell(&self, status: &mut Status) {
         status.device = format!("{}, a cache", self.name());
         status.notes.clone_from(&self.assets.notes);
+        status.untold = Untold::OF_CACHE;
     }
 }

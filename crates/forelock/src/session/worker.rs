@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use forelock_core::frame::FrameReport;
 
 use super::{Phase, Shared, Status};
-use crate::player::{Moment, Player, PlayerError};
+use crate::player::{Asked, Moment, Player, PlayerError};
 
 /// How far a frame may be late before the clock starts anew from it.
 const LATE: Duration = Duration::from_millis(100);
@@ -26,6 +26,8 @@ pub(super) enum Order {
     Seek(u32),
     Speed(f64),
     Loop(Option<u32>),
+    /// Something new is asked for ([`Status::asked`]).
+    Ask,
     Change(&'static str, Task),
     Tell(Sender<()>),
     End,
@@ -47,8 +49,8 @@ pub(super) trait Source {
     fn seek(&mut self, frame: u32) -> Result<(), String>;
     /// Lets `task` change it.
     fn change(&mut self, task: Task) -> Result<(), String>;
-    /// The present frame.
-    fn moment(&mut self) -> Result<Moment, String>;
+    /// The present frame, with what is `asked` for.
+    fn moment(&mut self, asked: Asked) -> Result<Moment, String>;
     /// Tells what is known.
     fn tell(&self, status: &mut Status);
 }
@@ -82,8 +84,8 @@ impl Source for Player {
         task(self).map_err(|error| error.to_string())
     }
 
-    fn moment(&mut self) -> Result<Moment, String> {
-        self.moment().map_err(|error| error.to_string())
+    fn moment(&mut self, asked: Asked) -> Result<Moment, String> {
+        self.moment_with(asked).map_err(|error| error.to_string())
     }
 
     fn tell(&self, status: &mut Status) {
@@ -92,6 +94,7 @@ impl Source for Player {
             status.parameters = Some(Arc::new(parameters));
         }
         [status.undo, status.redo] = self.undoable();
+        (status.untold, status.has_guides) = (self.untold(), self.guides() > 0);
         status.notes = self.notes();
         status.bytes = [self.simulation_bytes(), self.history_bytes() as u64];
         status.device = self.gpu_name().map_or_else(|| self.simd_name(), str::to_owned);
@@ -175,6 +178,9 @@ impl<'a, S: Source> Worker<'a, S> {
             }
             Order::Speed(speed) => (self.speed, self.due) = (speed, Instant::now()),
             Order::Loop(frames) => self.frames = frames,
+            // What plays has another frame soon.
+            Order::Ask if self.playing => {}
+            Order::Ask => self.publish(),
             Order::Seek(frame) => {
                 let frame = frame.min(self.source.reached());
                 self.attempt("going to another frame", |source| source.seek(frame));
@@ -250,7 +256,8 @@ impl<'a, S: Source> Worker<'a, S> {
 
     /// Makes the present frame the newest.
     fn publish(&mut self) {
-        match self.source.moment() {
+        let asked = self.shared.status().asked;
+        match self.source.moment(asked) {
             Ok(moment) => *self.shared.moment() = Some(Arc::new(moment)),
             Err(message) => self.fail(&message),
         }

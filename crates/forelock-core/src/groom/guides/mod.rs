@@ -183,6 +183,15 @@ impl Skinning {
         })
     }
 
+    /// The particle of the guides, as an index into all of them, that each particle of the groom
+    /// follows most, in the groom's order.
+    pub fn nearest(&self) -> impl Iterator<Item = usize> {
+        self.carried().map(|Carried { weights, particles, fractions, .. }| {
+            let most = (1..GUIDES_PER_STRAND).fold(0, |a, b| if weights[b] > weights[a] { b } else { a });
+            particles[most] as usize + usize::from(fractions[most] > 0.5)
+        })
+    }
+
     /// Places all strands into `out` (`[P]`, metres, world space, in the groom's order), for the
     /// head's pose `head` and the positions `guides` of the guides' particles (metres, world space,
     /// in the guides' order). Does not allocate if `out` has the capacity.

@@ -100,6 +100,12 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
         report.stages.add(FRICTION.stage, shared_secs(clock.elapsed().as_secs_f64()));
     }
 
+    fn each_in_contact(&self, visit: &mut dyn FnMut(u32)) {
+        for contact in self.contacts.resolved() {
+            contact.particles().into_iter().for_each(|(particle, _)| visit(particle));
+        }
+    }
+
     fn rebuild(&mut self, model: &Model<T>, simd: Simd) {
         self.contacts = Contacts::new(model, self.contacts.params(), simd);
     }

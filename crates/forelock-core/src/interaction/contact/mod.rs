@@ -190,6 +190,12 @@ impl Contacts {
         ContactReport { contacts: self.finder.found().len(), secs, ..ContactReport::default() }
     }
 
+    /// The contacts that [`resolve_found`](Self::resolve_found) has resolved last; none if none
+    /// were found since.
+    pub(crate) fn resolved(&self) -> impl Iterator<Item = &Contact> {
+        self.resolver.kept(self.finder.found())
+    }
+
     /// Resolves the contacts that [`find`](Self::find) has just found, as
     /// [`resolve`](Self::resolve) does.
     pub fn resolve_found<T: Real>(

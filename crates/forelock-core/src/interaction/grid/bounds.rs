@@ -97,7 +97,6 @@ impl Bounds {
     }
 
     /// The place along each axis of a cell as it is stored.
-    #[cfg(test)]
     pub fn place(&self, cell: usize) -> [usize; 3] {
         let [_, row, layer] = self.strides();
         [cell % row, cell % layer / row, cell / layer]

@@ -2,10 +2,12 @@
 
 use super::{Grid, GridFrame, GridMoment, GridParams};
 use crate::frame::{
-    Exchange, ExchangeContext, FrameReport, Interaction, Moves, Phase, shared_secs, with_motion,
+    Exchange, ExchangeContext, FrameReport, GridCells, Interaction, Moves, Phase, shared_secs, with_motion,
 };
 use crate::lane::{Real, Row, Simd};
+use crate::pose::Pose;
 use crate::strands::{Model, State};
+use glam::{DQuat, DVec3};
 
 /// The exchange that the grid adds to the plan of a frame.
 pub const EXCHANGE: Exchange = Exchange {
@@ -22,12 +24,14 @@ pub const EXCHANGE: Exchange = Exchange {
 pub(crate) struct GridInteraction<T> {
     grid: Grid,
     motion: Vec<Row<T>>,
+    /// The frame of reference of the last exchange, and its origin in the world.
+    last: Option<(GridFrame, DVec3)>,
 }
 
 impl<T: Real> GridInteraction<T> {
     /// Creates a grid for the strands of `model`.
     pub fn new(model: &Model<T>, params: &GridParams) -> Self {
-        Self { grid: Grid::new(model, params), motion: Vec::new() }
+        Self { grid: Grid::new(model, params), motion: Vec::new(), last: None }
     }
 }
 
@@ -58,6 +62,7 @@ impl<T: Real> Interaction<T> for GridInteraction<T> {
             grid.exchange(cx.model, positions, velocities, &mut clearance, &moment)
         });
         state.clearance = clearance;
+        self.last = Some((moment.frame, moment.origin));
         report.grid = grid_report;
         let stages = ["splat_segments", "solve_pressure", "gather_velocities"];
         stages
@@ -67,8 +72,14 @@ impl<T: Real> Interaction<T> for GridInteraction<T> {
         false
     }
 
+    fn cells(&self) -> Option<GridCells> {
+        let (frame, origin) = self.last?;
+        let pose = Pose::new(DQuat::from_mat3(&frame.rotation), origin);
+        Some(GridCells { pose, side: self.grid.cell(), cells: self.grid.cells().collect() })
+    }
+
     fn rebuild(&mut self, model: &Model<T>, _: Simd) {
-        self.grid = Grid::new(model, self.grid.params());
+        (self.grid, self.last) = (Grid::new(model, self.grid.params()), None);
     }
 
     fn bytes(&self) -> usize {

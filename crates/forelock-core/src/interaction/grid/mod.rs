@@ -57,10 +57,12 @@ pub use frame::{GridFrame, GridPlacement, GridSolid, SolidMaps};
 pub use params::GridParams;
 pub(crate) use patch::{NOWHERE, Patch, join};
 pub(crate) use segments::{Lanes, ParticleRows, Segments, View, between, to_f32};
+use solve_pressure::{Fields, LOOSE};
 
 pub(crate) use crate::interaction::transpose::Node;
 
 use crate::body::ColliderFrame;
+use crate::frame::GridCell;
 use crate::lane::{LANES, Real, Row};
 use crate::strands::Model;
 use glam::DVec3;
@@ -92,7 +94,7 @@ pub struct Grid {
     pub(crate) nodes: Vec<Node>,
     /// 1 for each strip of cells that holds hair.
     pub(crate) marks: Vec<u8>,
-    pub(crate) pressure: solve_pressure::Fields,
+    pub(crate) pressure: Fields,
 }
 
 /// Index of the mass in a node.
@@ -148,7 +150,7 @@ impl Grid {
             bounds: Bounds::default(),
             nodes: Vec::new(),
             marks: Vec::new(),
-            pressure: solve_pressure::Fields::default(),
+            pressure: Fields::default(),
         };
         grid.measure_rest(model, &frame);
         grid
@@ -206,6 +208,20 @@ impl Grid {
         marked.flat_map(|(strip, _)| {
             let first = STRIP * strip;
             (first..).zip(&self.nodes[first..first + STRIP])
+        })
+    }
+
+    /// The cells that held hair in the last exchange, without those of less than [`LOOSE`] of the
+    /// density at rest, in which no pressure acts.
+    ///
+    /// [`LOOSE`]: solve_pressure::LOOSE
+    pub fn cells(&self) -> impl Iterator<Item = GridCell> {
+        let Fields { densities, pressures: [pressure, _], .. } = &self.pressure;
+        let filled = self.filled_nodes().filter(|(_, node)| node.mass() > 0.0);
+        filled.filter(|(index, _)| densities[*index] >= LOOSE).map(|(index, _)| {
+            let place = self.bounds.place(index);
+            let at = [0, 1, 2].map(|c| self.bounds.low[c] + place[c] as i32);
+            GridCell { at, density: densities[index], is_pressed: pressure[index] > 0.0 }
         })
     }
 

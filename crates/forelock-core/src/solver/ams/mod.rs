@@ -44,6 +44,7 @@ impl LaneSolver for AmsParams {
             solver_collides: false,
             restores_own_lengths: false,
             local_drag: self.has_local_drag(),
+            ties_weaken: self.non_hookean && self.k_integrity > 0.0,
         }
     }
 

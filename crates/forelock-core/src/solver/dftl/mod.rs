@@ -38,6 +38,7 @@ impl LaneSolver for DftlParams {
             solver_collides: self.level_collisions,
             restores_own_lengths: true,
             local_drag: false,
+            ties_weaken: false,
         }
     }
 

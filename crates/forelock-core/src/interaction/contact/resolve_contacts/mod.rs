@@ -110,6 +110,11 @@ impl Resolver {
             + 4 * (self.corners.capacity() + self.slots.capacity())
     }
 
+    /// Those of `found`, the contacts that were resolved last, that both segments kept.
+    pub fn kept<'a>(&self, found: &'a [Contact]) -> impl Iterator<Item = &'a Contact> {
+        kept(found, &self.kept)
+    }
+
     /// Resolves the contacts `found`: see [`crate::interaction::contact::Contacts::resolve`].
     pub fn resolve<T: Real>(
         &mut self,
@@ -201,7 +206,7 @@ impl Resolver {
         self.joints.clear();
         self.strands.clear();
         let mut bodies = 0;
-        for (contact, _) in found.iter().zip(&self.kept).filter(|(_, kept)| **kept == 2) {
+        for contact in kept(found, &self.kept) {
             let mut joint = Joint {
                 bodies: [0; 4],
                 weights: [0.0; 4],
@@ -280,6 +285,11 @@ impl Resolver {
         });
         lack
     }
+}
+
+/// Those of `found` that both of their segments keep, of which `kept` is the count.
+fn kept<'a>(found: &'a [Contact], kept: &[u8]) -> impl Iterator<Item = &'a Contact> {
+    found.iter().zip(kept).filter(|(_, kept)| **kept == 2).map(|(contact, _)| contact)
 }
 
 impl Joint {

@@ -34,7 +34,7 @@ pub(crate) struct Fields {
     /// Momentum along each axis.
     pub(super) momentum: [Vec<f32>; 3],
     /// Density of each cell relative to rest.
-    pub(super) densities: Vec<f32>,
+    pub(in crate::interaction::grid) densities: Vec<f32>,
     /// The solid in the cell, counted from 1; 0 is none. If several solids overlap, the first.
     pub(super) walls: Vec<u16>,
     /// The solids of the frame.
@@ -44,7 +44,7 @@ pub(crate) struct Fields {
     /// The equations of the pressure.
     pub(super) system: System,
     /// Pressures of each cell: for velocities and for displacements.
-    pub(super) pressures: [Vec<f32>; 2],
+    pub(in crate::interaction::grid) pressures: [Vec<f32>; 2],
     /// A maximum for each layer.
     pub(super) partial: Vec<f32>,
 }
