@@ -62,20 +62,22 @@ pub struct Viewport {
     pub brush: BrushSize,
     drag: Option<Drag>,
     pusher: Option<Pusher>,
+    /// Whether the drag has moved the head or a solid.
+    has_moved: bool,
 }
 
 /// What the mouse did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Done {
-    /// The scene was edited.
-    pub edited: bool,
+    /// The hair was edited, or the head or a solid moved.
+    pub changed: bool,
 }
 
 impl Viewport {
     /// A picture from `orbit`.
     pub fn new(orbit: Orbit) -> Self {
         let (tool, brush) = (Tool::Head, BrushSize::default());
-        Self { orbit, tool, only_looks: false, brush, drag: None, pusher: None }
+        Self { orbit, tool, only_looks: false, brush, drag: None, pusher: None, has_moved: false }
     }
 
     /// What a drag does.
@@ -85,7 +87,7 @@ impl Viewport {
 
     /// Forgets all that belongs to another session.
     pub fn forget(&mut self) {
-        (self.drag, self.pusher) = (None, None);
+        (self.drag, self.pusher, self.has_moved) = (None, None, false);
     }
 
     /// Whether there is a solid that pushes.
@@ -145,7 +147,6 @@ impl Viewport {
         if self.drag.is_some() && !ui.input(|input| input.pointer.primary_down()) {
             done = self.end(session, moment);
         }
-
         done
     }
 
@@ -169,6 +170,7 @@ impl Viewport {
             Tool::Push(shape) => {
                 let at = camera.unproject(pixel, depth, size[0], size[1]);
                 self.place_pusher(shape, at, session);
+                self.has_moved = true;
                 session.play(true);
                 Drag::Push { depth }
             }
@@ -200,6 +202,7 @@ impl Viewport {
                     let by = self.orbit.shift(moved, *depth, size[0], size[1]);
                     Pose::new(from.rotation, from.translation + by.as_dvec3())
                 };
+                self.has_moved = true;
                 session.change("the head", move |player| player.set_head_pose(pose));
             }
             Some(Drag::Push { depth }) => {
@@ -223,10 +226,11 @@ impl Viewport {
     }
 
     fn end(&mut self, session: &Session, moment: &Moment) -> Done {
-        let Some(Drag::Stroke { brush, picked, .. }) = self.drag.take() else { return Done::default() };
+        let changed = std::mem::take(&mut self.has_moved);
+        let Some(Drag::Stroke { brush, picked, .. }) = self.drag.take() else { return Done { changed } };
         let Some(edit) = brush.edit(self.brush, moment, &picked) else { return Done::default() };
         session.change("the edit", move |player| player.edit_selected(edit));
-        Done { edited: true }
+        Done { changed: true }
     }
 
     /// Puts a solid of `shape` to `at`.

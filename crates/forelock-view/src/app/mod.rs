@@ -391,6 +391,7 @@ impl App {
         ui.add(egui::DragValue::new(&mut self.viewport.brush.strength).range(0.0..=1.0).speed(0.01));
         if self.viewport.has_pusher() && ui.button("Remove solid").clicked() {
             self.viewport.remove_pusher(&self.session);
+            self.changes += 1;
         }
     }
 
@@ -429,8 +430,8 @@ impl App {
         response.widget_info(|| egui::WidgetInfo::labeled(egui::WidgetType::Image, true, "picture"));
         let Some(moment) = moment else { return };
         let scale = ui.ctx().pixels_per_point();
-        let Done { edited } = self.viewport.interact(ui, &response, scale, &self.session, moment);
-        self.changes += u64::from(edited);
+        let Done { changed } = self.viewport.interact(ui, &response, scale, &self.session, moment);
+        self.changes += u64::from(changed);
         let size = [rect.width(), rect.height()].map(|side| ((side * scale) as u32).clamp(1, 4096));
         self.artist.want(Wanted {
             moment: moment.clone(),

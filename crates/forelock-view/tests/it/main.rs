@@ -6,6 +6,7 @@
 mod colours;
 #[cfg(target_os = "linux")]
 mod display;
+mod unsaved;
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
