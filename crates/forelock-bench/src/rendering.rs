@@ -87,7 +87,7 @@ pub struct RenderingRow {
     pub gpu_ms: f64,
     /// Milliseconds from the call to the picture in the CPU's memory.
     pub with_reading_ms: f64,
-    /// Milliseconds of the CPU for bodies, shadows and the upload.
+    /// Milliseconds of the CPU: bodies are placed, strands chosen, and all is uploaded.
     pub prepare_ms: f64,
     /// Bytes uploaded for a picture.
     pub uploaded_bytes: u64,
@@ -232,7 +232,7 @@ impl Rendering {
                     "Pictures of {} × {} pixels; the mean of {} pictures on the device's clock.",
                     self.width, self.height, self.frames
                 ),
-                "Preparing is the CPU's part of a picture by the GPU: bodies, shadows and the upload."
+                "Preparing is the CPU's part of a picture by the GPU: it places bodies and uploads."
                     .to_owned(),
             ],
             tables,

@@ -25,7 +25,7 @@ pub struct HairColour {
     pub pheomelanin: f32,
     /// The share of hairs without pigment, 0–1.
     pub greying: f32,
-    /// The albedo of white hair with the dye, linear RGB in 0–1; 1 is no dye.
+    /// The albedo of hair without melanin that has this dye, linear RGB in 0–1; 1 is no dye.
     pub dye: Vec3,
 }
 

@@ -16,21 +16,23 @@
 //! from the albedo C of much hair as (ln C / 5.89)² ([`crate::colour`]).
 //!
 //! Light that several hairs scatter is that of dual scattering (Zinke et al. 2008, *Dual scattering
-//! approximation for fast multiple scattering in hair*). A fibre scatters the share a_f of the light
-//! forward and a_b backward (eqs. 6 and 11), per channel. At a point that τ strands hide from the
-//! light on average:
+//! approximation for fast multiple scattering in hair*). A fibre scatters the share a_f of the
+//! light forward and a_b backward, per channel. At a point that τ strands hide from the light on
+//! average:
 //!
 //! - exp(−τ) of the light comes straight. The rest met n ≥ 1 strands, each of which passed a_f of
 //!   it on; n is distributed as Poisson's law says, so exp(−τ (1 − a_f)) − exp(−τ) of the light
-//!   arrives, spread lengthwise by the variance τ β² (eqs. 5 and 7, without their threshold).
+//!   arrives, spread lengthwise by the variance τ β².
 //! - Of both, the hair behind the point sends A_b back.
-//!   Where the paper adds the paths with one and three turns (eqs. 14 and 16), all paths are taken:
+//!   Where the paper adds the paths with one and three turns, all paths are taken:
 //!   a pile of many layers that pass a_f on and send a_b back reflects R = 2 a_b / (s + √(s² − 4
 //!   a_b²)), s = 1 + a_b² − a_f² (Stokes 1862, *On the intensity of the light reflected from or
 //!   transmitted through a pile of plates*), of which A_b = R − a_b comes from behind the first. R
 //!   is close to C, which comes from a fit to traced paths. Thin hair lets light through instead:
 //!   of the hair behind a point, whose depth follows from the share of ambient light that arrives,
 //!   1 − exp(−depth (1 − a_f)) counts.
+//! - What comes back has the deviation (1 + d a_f²) √(2 β² + β_b²), β_b = 1.5 β for R and TRT
+//!   together, without the paper's terms of a_b³; the luminance of a_f² stands for its channels.
 //! - Both are multiplied by d = 0.7 for hair that does not fill all directions.
 //!
 //! Around the fibre, light spreads as 1 ± cos φ instead of evenly over a half circle, whose ends
@@ -114,7 +116,7 @@ impl Fibre {
     pub fn ambient(&self, openness: f32) -> Vec3 {
         let [forward, _] = self.scattered(1.0, 1.0);
         let log = openness.clamp(1e-3, 1.0).ln();
-        (self.albedo + REFLECTED) * ((Vec3::ONE - forward) * log).map(f32::exp)
+        (self.albedo * (1.0 - REFLECTED) + REFLECTED) * ((Vec3::ONE - forward) * log).map(f32::exp)
     }
 
     /// The radiance towards the eye for unit radiance from `to_light`, which `depth` strands hide
@@ -125,7 +127,7 @@ impl Fibre {
         // What comes back from the hair behind, and how far it has spread.
         let hidden = Vec3::ONE - ((forward - 1.0) * self.behind).map(f32::exp);
         let back = from_behind(forward, backward) * hidden * CROWD;
-        let deviation = (1.0 + CROWD * luminance(forward * forward)) * (2.1 * ROUGHNESS);
+        let deviation = (1.0 + CROWD * luminance(forward * forward)) * (2.06 * ROUGHNESS);
         let spread = depth * ROUGHNESS * ROUGHNESS;
         let (ahead, aback) = (around(-angles.cos_phi), around(angles.cos_phi));
 
@@ -235,7 +237,7 @@ mod tests {
         assert!(deep.x / deep.z > open.x / open.z);
     }
 
-    /// `f` integrated over all directions, or those with a positive cosine to `half` if it is given.
+    /// `f` integrated over all directions, or those with a positive cosine to `half`.
     fn integral(half: Option<Vec3>, f: impl Fn(Vec3) -> Vec3) -> Vec3 {
         let n = 300;
         let mut sum = Vec3::ZERO;

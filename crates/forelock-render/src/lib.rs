@@ -25,7 +25,8 @@
 //!
 //! - [`hair`]: curves, widths and children;
 //! - `raster`: coverage and compositing order (Gupta & Sproull 1981; Porter & Duff 1984);
-//! - `fibre`: scattering of a single hair (Marschner et al. 2003; Karis 2016);
+//! - `fibre`: scattering of a hair (Marschner et al. 2003; Karis 2016) and of all around it (Zinke
+//!   et al. 2008);
 //! - `volume`: hair as a medium that casts shadows on itself (after Yuksel & Keyser 2008);
 //! - [`colour`]: melanin, tone curve and sRGB.
 //!
@@ -38,9 +39,9 @@
 //! The feature `gpu` adds the module `gpu`, which draws the same picture on a wgpu device.
 //!
 //! # Limitations
-//! Only single scattering is computed; a soft diffuse term approximates the rest. Bodies do not
-//! reflect light onto hair. There is no depth of field and no motion blur. A scaled scene gives the
-//! same picture only if the widths of its strands are scaled too.
+//! How much hair is behind a point is estimated from the share of ambient light that reaches it.
+//! Bodies do not reflect light onto hair. There is no depth of field and no motion blur. A scaled
+//! scene gives the same picture only if the widths of its strands are scaled too.
 
 pub mod camera;
 pub mod colour;

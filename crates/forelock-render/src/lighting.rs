@@ -54,13 +54,14 @@ impl Plan {
         let (lo, hi) = (body_lo.min(hair_lo), body_hi.max(hair_hi));
         let anything = lo.is_finite() && hi.is_finite() && lo.cmple(hi).all();
         let has_hair = hair_lo.cmple(hair_hi).all();
+        let has_body = !solids.triangles.is_empty() && body_lo.cmple(body_hi).all();
         // The grids cover the hair and the points close enough to be shaded by it.
         let margin = if has_hair { 0.2 * (hair_hi - hair_lo).length() } else { 0.0 };
         let (grid_lo, grid_hi) =
             if has_hair { ((hair_lo - margin).max(lo), (hair_hi + margin).min(hi)) } else { (lo, hi) };
         let lights = scene.lights.iter().map(|light| {
             let light = Light { direction: light.direction.normalize_or(Vec3::Y), ..*light };
-            let map = (light.shadows && !solids.triangles.is_empty()).then(|| {
+            let map = (light.shadows && has_body).then(|| {
                 let (centre, radius) = ((body_lo + body_hi) * 0.5, 0.5 * (body_hi - body_lo).length());
                 ShadowMap::empty(light.direction, centre, radius, map_side)
             });
@@ -68,7 +69,8 @@ impl Plan {
         });
         Self {
             lights: lights.collect(),
-            shadows: has_hair.then(|| Layout::covering(grid_lo, grid_hi, cells)),
+            shadows: (has_hair && scene.lights.iter().any(|light| light.shadows))
+                .then(|| Layout::covering(grid_lo, grid_hi, cells)),
             shadow_strands: (pixels / 16).clamp(SHADOW_STRANDS[0], SHADOW_STRANDS[1]),
             openness: anything.then(|| Layout::covering(grid_lo, grid_hi, OCCLUSION_CELLS)),
         }
@@ -176,8 +178,8 @@ fn hair_bounds(groups: &[Group<'_>]) -> (Vec3, Vec3) {
     bounds
 }
 
-/// Of the strands of a group about `most` evenly chosen ones: every how-manieth, how many, and for how
-/// many each stands.
+/// Of the strands of a group about `most` evenly chosen ones: their distance in the list, how many
+/// they are, and for how many each stands.
 pub(crate) fn chosen_of(group: &Group<'_>, most: usize) -> (usize, usize, f32) {
     let count = strand_count(&group.strands);
     let every = (count / most).max(1);

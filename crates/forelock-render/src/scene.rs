@@ -185,7 +185,7 @@ pub struct Settings {
     /// Height of the picture, pixels, 1–4096, default 800.
     pub height: u32,
     /// Samples along each side of a pixel for the edges of bodies, 1–4, default 2. Strands are not
-    /// sampled.
+    /// sampled. The GPU renderer always takes 2.
     pub samples: u32,
     /// Factor for the widths of strands, above 0. With `None` (default) it is chosen so that the
     /// strands represent full hair ([`crate::hair`]).

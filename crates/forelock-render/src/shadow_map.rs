@@ -22,8 +22,8 @@ pub(crate) struct ShadowMap {
 const BLOCK: usize = 8;
 
 impl ShadowMap {
-    /// A map without surfaces for light from the direction `to_light`, with `side` texels along each
-    /// side, a multiple of eight, for triangles inside the sphere `centre`, `radius`.
+    /// A map without surfaces for light from the direction `to_light`, with `side` texels along
+    /// each side, a multiple of eight, for triangles inside the sphere `centre`, `radius`.
     pub fn empty(to_light: Vec3, centre: Vec3, radius: f32, side: usize) -> Self {
         let right = to_light.any_orthonormal_vector();
         let up = to_light.cross(right);

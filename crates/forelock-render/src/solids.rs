@@ -101,15 +101,15 @@ impl<'a> Solids<'a> {
         self.bodies.push(Range { body: *body, end: self.triangles.len() as u32, first });
     }
 
-    /// What the vertices of all bodies are, for the device: position and 1 for a face, normal, skin,
-    /// and place on the built-in head, with one channel of the brows' colour each.
+    /// What the vertices of all bodies are, for the device: position and 1 for a face, normal,
+    /// skin, and place on the built-in head, with one channel of the brows' colour each.
     #[cfg(feature = "gpu")]
     pub fn vertices(&self) -> Vec<[[f32; 4]; 4]> {
         let mut vertices = Vec::with_capacity(self.positions.len());
         for Range { body, first, .. } in &self.bodies {
             for own in 0..body.mesh.positions.len() {
                 let at = *first as usize + own;
-                let share = body.scalp.map_or(0.0, |scalp| scalp.shares[own]);
+                let share = body.scalp.map_or(0.0, |scalp| unit(scalp.shares[own]));
                 let skin = body.scalp.map_or(body.colour, |scalp| body.colour.lerp(scalp.colour, share));
                 let rest = body.face.map_or(Vec3::ZERO, |face| face.rest[own]);
                 let brows = body.face.map_or(Vec3::ZERO, |face| face.brows);

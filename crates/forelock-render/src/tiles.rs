@@ -80,8 +80,8 @@ impl Bins {
         Self { offsets, items: sorted }
     }
 
-    /// One array: for each tile the index of its first item in the array, the end of the last one's,
-    /// then all items.
+    /// One array: for each tile the index of its first item in the array, the end of the last
+    /// one's, then all items.
     #[cfg(feature = "gpu")]
     pub fn flat(&self) -> Vec<u32> {
         let first = self.offsets.len() as u32;

@@ -19,6 +19,9 @@ pub(super) const TILE: u32 = 16;
 pub(super) const NONE: u32 = u32::MAX;
 /// The largest number of points of an edge at which light is computed.
 const MAX_LIT: u32 = 12;
+/// Threads that draw the triangles of bodies into the shadow maps, about: few triangles may be
+/// large ones.
+const SLICED: u32 = 65_536;
 /// Strands of a group whose edges are measured.
 const SAMPLED_STRANDS: usize = 500;
 
@@ -58,7 +61,8 @@ pub(super) struct FrameData {
     pub faces: u32,
     pub samples: u32,
     pub sweeps: u32,
-    unused: [u32; 3],
+    pub slices: u32,
+    unused: [u32; 2],
 }
 
 impl FrameData {
@@ -87,7 +91,7 @@ pub(super) struct CurveData {
     detail: f32,
 }
 
-/// `Light` in `shade.wgsl`.
+/// `Light` in `light.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(super) struct LightData {
@@ -198,6 +202,7 @@ impl Hosted {
             forward: view.forward.into(),
             points: hair.owners.len() as u32,
             faces: solids.triangles.len() as u32,
+            slices: (SLICED / solids.triangles.len().max(1) as u32).clamp(4, 64),
             sky: scene.ambient.sky.into(),
             ground: scene.ambient.ground.into(),
             particle_stride: 3,
@@ -302,9 +307,10 @@ impl LightArrays {
     fn new(plan: &Plan, groups: &[Group<'_>], frame: &mut FrameData) -> Self {
         let mut arrays = Self::default();
         let [mut heights, mut grids, mut deposits] = [0; 3];
-        if let Some(Layout { origin, cell, size }) = plan.shadows {
+        if let Some(layout) = plan.shadows {
+            let Layout { origin, cell, size } = layout;
             (frame.shadow_origin, frame.shadow_cell, frame.shadow_size) = (origin.into(), cell, size.into());
-            deposits += plan.shadows.map_or(0, |layout| layout.len());
+            deposits += layout.len();
             arrays.sample(groups, plan.shadow_strands, 0);
         }
         for (light, map) in &plan.lights {
@@ -417,7 +423,7 @@ mod tests {
         let frame = offsets!(FrameData: eye focal right near up exposure forward points sky lights ground
             capacity shadow_origin shadow_cell shadow_size particle_stride open_origin open_cell open_size
             open_start position_origin component_stride
-            backdrop_top vignette backdrop_bottom lit_each centre size tiles faces samples sweeps);
+            backdrop_top vignette backdrop_bottom lit_each centre size tiles faces samples sweeps slices);
         has_layout("Frame", size_of::<FrameData>(), &frame);
         let curve = offsets!(CurveData: base first count start offset wave log_albedo tilt bright grey
             has_colours detail);

@@ -15,10 +15,13 @@ use crate::volume::OPEN_DIRECTIONS;
 const THREADS: u32 = TILE * TILE;
 /// Numbers of pieces that an edge has room for.
 pub(super) const PIECES_EACH: u32 = 32;
-/// Threads that draw a triangle into the shadow maps.
-const SLICES: u32 = 4;
-/// The integer for an optical depth of 1. 1023 of them fit.
-const DEPOSIT_UNIT: f32 = 4_194_304.0;
+/// The integer for an optical depth of 1.
+const DEPOSIT_UNIT: f32 = 1_048_576.0;
+/// The largest optical depth of a deposit. No light passes a tenth of it.
+const MOST_DEPTH: f32 = 256.0;
+/// The number from which on a cell takes no more deposits: half of the range, so that the deposits
+/// of 8 threads at once do not leave it.
+const FULL_CELL: u32 = 1 << 31;
 /// What the sizes of buffers are multiples of, bytes.
 const UNIT: u64 = 16;
 /// The largest number of workgroups of a dispatch along an axis that is used.
@@ -203,7 +206,7 @@ impl Stage {
             Threads::Tiles => return frame.tiles,
             Threads::Sweeps => return [frame.sweeps, 1],
             Threads::Faces => frame.faces,
-            Threads::FaceSlices => frame.faces * SLICES,
+            Threads::FaceSlices => frame.faces * frame.slices,
             Threads::Samples => frame.samples,
             Threads::OpenCells => frame.open_cells(),
             Threads::Points => frame.points,
@@ -228,6 +231,7 @@ fn constants() -> String {
         ("EXTINCTION", EXTINCTION),
         ("SURFACE_DEPTH", SURFACE_DEPTH),
         ("DEPOSIT_UNIT", DEPOSIT_UNIT),
+        ("MOST_DEPTH", MOST_DEPTH),
         ("WRAP_RED", WRAP.x),
         ("WRAP_GREEN", WRAP.y),
         ("WRAP_BLUE", WRAP.z),
@@ -241,8 +245,8 @@ fn constants() -> String {
         ("TILE", TILE),
         ("NONE", NONE),
         ("PIECES_EACH", PIECES_EACH),
-        ("SLICES", SLICES),
         ("OPEN_DIRECTIONS", OPEN_DIRECTIONS as u32),
+        ("FULL_CELL", FULL_CELL),
     ];
     let mut text = String::new();
     // Writing to a string cannot fail.
@@ -324,7 +328,7 @@ impl Memory {
         };
         let own = &mut self.buffers[slot as usize];
         let limit = most_bound(device);
-        // The length of an array is a multiple of its elements, all of which divide 16 but one.
+        // Copies and clears need multiples of four bytes.
         let size = bytes.max(256).next_multiple_of(UNIT);
         if size > limit {
             return Err(GpuRenderError::TooLarge { what: described(slot), bytes, limit });

@@ -28,7 +28,7 @@ pub struct FrameReport {
     pub pieces: u32,
     /// Pieces that had no room in the list and were left out.
     pub dropped: u32,
-    /// Milliseconds that the CPU took for bodies, shadows and the upload.
+    /// Milliseconds that the CPU took to place bodies, choose strands and upload.
     pub prepare_ms: f64,
     /// Bytes that were uploaded.
     pub uploaded_bytes: u64,

@@ -403,7 +403,7 @@ impl App {
             see::measures(ui, &mut self.measure, status, moment);
             ui.checkbox(&mut self.has_ghost, "Rest shape").on_hover_text("Draws the rest shape in blue");
             see::grid(ui, &mut self.has_grid, status, moment);
-            see::colours(ui, &mut self.hair);
+            self.changes += u64::from(see::colours(ui, &mut self.hair));
         });
         if let Some(parameters) = &status.parameters {
             let before = status.undo;

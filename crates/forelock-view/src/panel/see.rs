@@ -131,13 +131,16 @@ fn greying_and_dye(ui: &mut egui::Ui, hair: &mut HairSection) {
     }
     ui.horizontal(|ui| {
         let mut has_dye = hair.dye.is_some();
-        ui.checkbox(&mut has_dye, "Dye")
-            .on_hover_text("A colour that white hair takes; on other hair it adds");
-        let mut dye = hair.dye.unwrap_or([0.1, 0.35, 0.6]).map(|part| part as f32);
-        if has_dye {
-            ui.color_edit_button_rgb(&mut dye);
+        let told = "A colour that white hair takes; on other hair it adds";
+        if ui.checkbox(&mut has_dye, "Dye").on_hover_text(told).changed() {
+            hair.dye = has_dye.then_some([0.2, 0.45, 0.75]);
         }
-        hair.dye = has_dye.then(|| dye.map(f64::from));
+        if let Some(dye) = &mut hair.dye {
+            let mut bytes = dye.map(|part| (255.0 * part).round() as u8);
+            if ui.color_edit_button_srgb(&mut bytes).changed() {
+                *dye = bytes.map(|byte| f64::from(byte) / 255.0);
+            }
+        }
     });
 }
 

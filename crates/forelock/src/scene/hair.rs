@@ -11,7 +11,8 @@ forelock_core::documented! {
 pub struct HairSection {
     /// Colour: black, dark-brown, chestnut, blonde, red, grey or white. Default "dark-brown".
     pub colour: String,
-    /// Share of the hairs that are white. No unit, default that of `colour`: 0.4 of grey hair and
+    /// Share of the hairs that are white. A groom with colours of its own has neither white hairs
+    /// nor dye. No unit, default that of `colour`: 0.4 of grey hair and
     /// else 0, range 0 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub greying: Option<f64>,

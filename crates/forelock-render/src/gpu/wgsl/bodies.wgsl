@@ -1,5 +1,5 @@
-// What is behind the hair, one thread a pixel: bodies over the backdrop, by four samples. The twin of
-// `Tile::draw_solids`, `Solids::surface_point` and `Lighting::of_body`.
+// What is behind the hair, one thread a pixel: bodies over the backdrop, by four samples. The twin
+// of `Tile::draw_solids`, `Solids::surface_point` and `Lighting::of_body`.
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 // For each tile, the inverse depth behind which bodies hide everything.
@@ -120,7 +120,8 @@ fn light_behind(centre: vec2f, found: vec4u, depths: vec4f) -> vec3f {
             sum += backdrop_at(centre) * 0.25;
             continue;
         }
-        // Each triangle is lit once, at the mean place of its samples.
+        // Each triangle is lit once, at the mean place of its samples; one that the near plane cuts,
+        // once for each of its parts.
         var at = vec2f(0.0);
         var near = 0.0;
         var count = 0.0;

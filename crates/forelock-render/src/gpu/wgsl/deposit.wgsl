@@ -1,5 +1,6 @@
-// Adds areas to the grids of optical depth, as integers, so that their order does not change the sum:
-// the twin of `Deposits::add`. The grid for ambient light is number 1 and follows the one for shadows.
+// Adds areas to the grids of optical depth, as integers, so that their order does not change the
+// sum: the twin of `Deposits::add`. The grid for ambient light is number 1 and follows the one for
+// shadows.
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(23) var<storage, read_write> deposits: array<atomic<u32>>;
@@ -13,8 +14,8 @@ fn add(grid: u32, position: vec3f, area: f32) {
     let cell = cell_of(grid);
     let size = select(frame.shadow_size, frame.open_size, is_open);
     let at = (position - select(frame.shadow_origin, frame.open_origin, is_open)) / cell;
-    let depth = area / (cell * cell);
-    if !(all(at >= vec3f(0.0)) && all(at <= vec3f(size - 1u)) && depth < 1000.0) {
+    let depth = min(area / (cell * cell), MOST_DEPTH);
+    if !(all(at >= vec3f(0.0)) && all(at <= vec3f(size - 1u)) && area >= 0.0) {
         return;
     }
     let base = min(vec3u(at), size - 2u);
@@ -26,6 +27,9 @@ fn add(grid: u32, position: vec3f, area: f32) {
         let share = select(1.0 - f, f, step == vec3u(1u));
         let place = base + step;
         let index = start + place.x + size.x * (place.y + size.y * place.z);
-        atomicAdd(&deposits[index], u32(depth * share.x * share.y * share.z * DEPOSIT_UNIT + 0.5));
+        // A full cell takes no more, so that its sum does not wrap around.
+        if atomicLoad(&deposits[index]) < FULL_CELL {
+            atomicAdd(&deposits[index], u32(depth * share.x * share.y * share.z * DEPOSIT_UNIT + 0.5));
+        }
     }
 }

@@ -1,4 +1,5 @@
-// The areas of chosen strands as seen from the side, one thread a strand: the twin of `deposit_hair`.
+// The areas of chosen strands as seen from the side, one thread a strand: the twin of
+// `deposit_hair`.
 
 @group(0) @binding(1) var<storage, read> positions: array<f32>;
 @group(0) @binding(4) var<storage, read> widths: array<f32>;

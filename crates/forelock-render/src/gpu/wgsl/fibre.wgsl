@@ -49,7 +49,7 @@ fn fibre_of(tangent: vec3f, to_eye: vec3f, given: vec3f, tilt: f32, openness: f3
 
 fn ambient(fibre: Fibre, openness: f32) -> vec3f {
     let forward = scattered(fibre, 1.0, 1.0).forward;
-    return (fibre.albedo + REFLECTED) * exp((1.0 - forward) * log(clamp(openness, 1e-3, 1.0)));
+    return (fibre.albedo * (1.0 - REFLECTED) + REFLECTED) * exp((1.0 - forward) * log(clamp(openness, 1e-3, 1.0)));
 }
 
 fn scatter(fibre: Fibre, l: vec3f, depth: f32) -> vec3f {
@@ -70,7 +70,7 @@ fn scatter(fibre: Fibre, l: vec3f, depth: f32) -> vec3f {
     let shares = scattered(fibre, angles.cos_d, angles.cos_t);
     let hidden = 1.0 - exp((shares.forward - 1.0) * fibre.behind);
     let back = from_behind(shares) * hidden * CROWD;
-    let deviation = (1.0 + CROWD * luminance(shares.forward * shares.forward)) * (2.1 * ROUGHNESS);
+    let deviation = (1.0 + CROWD * luminance(shares.forward * shares.forward)) * (2.06 * ROUGHNESS);
     let spread = depth * ROUGHNESS * ROUGHNESS;
     let ahead = around(-angles.cos_phi);
     let aback = around(angles.cos_phi);

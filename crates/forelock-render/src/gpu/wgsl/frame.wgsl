@@ -48,6 +48,8 @@ struct Frame {
     samples: u32,
     // Directions in which grids are swept.
     sweeps: u32,
+    // Threads that draw a triangle into the shadow maps.
+    slices: u32,
 }
 
 // A strand or one of its children.

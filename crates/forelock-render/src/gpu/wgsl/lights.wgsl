@@ -34,7 +34,8 @@ fn visibility(light: Light, point: vec3f, softness: i32) -> f32 {
     let p = vec2f(dot(offset, light.right), dot(offset, light.up)) / light.texel;
     let height = ordered(dot(offset, light.direction));
     let margin = f32(softness) + 1.0;
-    if min(p.x, p.y) < margin || max(p.x, p.y) > f32(light.side) - margin - 1.0 {
+    // Also true for what is no number.
+    if !(min(p.x, p.y) >= margin && max(p.x, p.y) <= f32(light.side) - margin - 1.0) {
         return 1.0;
     }
     let corner = vec2i(p - 0.5);

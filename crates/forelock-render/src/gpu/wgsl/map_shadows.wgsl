@@ -21,7 +21,7 @@ fn draw(light: Light, a: vec3f, b: vec3f, c: vec3f, slice: u32) {
     let side = f32(light.side);
     let lo = vec2u(clamp(ceil(min(a, min(b, c)).xy - 0.5), vec2f(0.0), vec2f(side)));
     let hi = vec2u(clamp(floor(max(a, max(b, c)).xy + 0.5), vec2f(0.0), vec2f(side)));
-    for (var y = lo.y + slice; y < hi.y; y += SLICES) {
+    for (var y = lo.y + slice; y < hi.y; y += frame.slices) {
         let py = f32(y) + 0.5;
         for (var x = lo.x; x < hi.x; x += 1u) {
             let px = f32(x) + 0.5;
@@ -43,7 +43,7 @@ fn map_shadows(
     @builtin(local_invocation_index) local: u32,
 ) {
     let thread = thread_of(group, groups, local);
-    let face = thread / SLICES;
+    let face = thread / frame.slices;
     if face >= frame.faces {
         return;
     }
@@ -53,7 +53,7 @@ fn map_shadows(
     for (var n = 0u; n < frame.lights; n += 1u) {
         let light = lights[n];
         if light.heights != NONE {
-            draw(light, place_in(light, a), place_in(light, b), place_in(light, c), thread % SLICES);
+            draw(light, place_in(light, a), place_in(light, b), place_in(light, c), thread % frame.slices);
         }
     }
 }

@@ -1,5 +1,5 @@
-// Optical depths that light crosses up to each cell, slab by slab, one workgroup a direction: the twin
-// of `Grid::sweep`.
+// Optical depths that light crosses up to each cell, slab by slab, one workgroup a direction: the
+// twin of `Grid::sweep`.
 
 @group(0) @binding(7) var<storage, read_write> grids: array<f32>;
 @group(0) @binding(23) var<storage, read> deposits: array<u32>;
@@ -27,6 +27,10 @@ fn taps(cell: u32, offset: f32, size: u32) -> Taps {
     let at = vec2i(first, first + 1);
     let inside = at >= vec2i(0) & at < vec2i(i32(size));
     return Taps(vec2u(select(vec2i(i32(cell)), at, inside)), select(vec2f(0.0), vec2f(1.0 - f, f), inside));
+}
+
+fn deposited(cell: u32) -> f32 {
+    return f32(min(deposits[cell], FULL_CELL)) / DEPOSIT_UNIT;
 }
 
 @compute @workgroup_size(THREADS)
@@ -58,13 +62,13 @@ fn sweep(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) l
             let cell = place.x * strides.y + place.y * strides.z;
             var depth = 0.0;
             if k > 0u {
-                depth = 0.5 * path * f32(deposits[own.cells + to_slab + cell]) / DEPOSIT_UNIT;
+                depth = 0.5 * path * deposited(own.cells + to_slab + cell);
                 let x = taps(place.x, back.x, size.y);
                 let y = taps(place.y, back.y, size.z);
                 for (var i = 0u; i < 4u; i += 1u) {
                     let weight = x.weight[i & 1u] * y.weight[i >> 1u];
                     let tap = from_slab + x.place[i & 1u] * strides.y + y.place[i >> 1u] * strides.z;
-                    let crossed = 0.5 * path * f32(deposits[own.cells + tap]) / DEPOSIT_UNIT;
+                    let crossed = 0.5 * path * deposited(own.cells + tap);
                     depth += weight * (grids[own.depths + tap] + crossed);
                 }
             }

@@ -29,7 +29,8 @@ fn covered(image: &Image, empty: &Image) -> f32 {
 }
 
 /// A black line lit from the camera, far away, so that its surface reflects equally much everywhere
-/// and other hair passes no light on; before black. Returns the sum of the green light of all pixels, and that of the one in the middle.
+/// and other hair passes no light on; in front of black. Returns the sum of the green light of all
+/// pixels, and that of the one in the middle.
 fn bright_line(renderer: &mut GpuRenderer, positions: &[Vec3], width_px: f32, exposure: f32) -> [f32; 2] {
     let offsets = [0, positions.len() as u32];
     let widths = vec![width_px * PX; positions.len()];
