@@ -120,8 +120,8 @@ fn light_behind(centre: vec2f, found: vec4u, depths: vec4f) -> vec3f {
             sum += backdrop_at(centre) * 0.25;
             continue;
         }
-        // Each triangle is lit once, at the mean place of its samples; one that the near plane cuts,
-        // once for each of its parts.
+        // Each triangle is lit once, at the mean place of its samples, and one that the near plane
+        // cuts, once for each of its parts.
         var at = vec2f(0.0);
         var near = 0.0;
         var count = 0.0;

@@ -135,6 +135,40 @@ fn bodies_look_the_same_as_by_the_cpu() {
     }
 }
 
+/// Shadows and ambient light where something is missing, and where hair is very dense.
+#[test]
+#[cfg_attr(not(gpu), ignore = "needs a GPU")]
+fn shadows_are_those_of_the_cpu_whatever_casts_them() {
+    let (ball, (points, offsets)) = (ball(0.1, 16), mane(600, 0.1));
+    let camera = Camera::framing((Vec3::splat(-0.2), Vec3::splat(0.2)), 0.4, 0.2);
+    let strands = Strands::new(&points, &offsets, HairColour::WHITE);
+    let whole = Scene::new(vec![Body::new(&ball, Pose::IDENTITY)], vec![strands], camera);
+    let wide = Strands { width: 0.003, ..strands };
+    let mut unshaded = whole.clone();
+    unshaded.lights[0].shadows = false;
+    let scenes = [
+        ("no hair", Scene { strands: Vec::new(), ..whole.clone() }),
+        ("no body", Scene { bodies: Vec::new(), ..whole.clone() }),
+        ("no light", Scene { lights: Vec::new(), ..whole.clone() }),
+        ("one light without shadows", unshaded),
+        ("dense", Scene { strands: vec![wide; 3], ..whole.clone() }),
+    ];
+    let settings = Settings { width: 120, height: 110, width_scale: Some(4.0), ..Settings::default() };
+    let mut renderer = renderer();
+    for (name, scene) in &scenes {
+        let (cpu, gpu) = (render(scene, &settings).unwrap(), renderer.render(scene, &settings).unwrap());
+        let difference = mean_difference(&cpu, &gpu);
+        println!("{name}: mean difference {difference:.3}/255");
+        assert!(difference <= 0.5, "{name}: {difference}");
+    }
+    // The comparison sees shadows that are missing.
+    let mut bare = whole.clone();
+    bare.lights.iter_mut().for_each(|light| light.shadows = false);
+    let control =
+        mean_difference(&render(&whole, &settings).unwrap(), &renderer.render(&bare, &settings).unwrap());
+    assert!(control > 1.0, "{control}");
+}
+
 #[test]
 #[cfg_attr(not(gpu), ignore = "needs a GPU")]
 fn colours_and_widths_of_the_groom_are_those_of_the_cpu() {
