@@ -15,8 +15,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use crate::ghost::Ghost;
-use crate::lattice::Lattice;
+use crate::ghost::rest_shape;
+use crate::lattice::edges_of;
+use crate::lines::Lines;
 use crate::measure::Measure;
 use eframe::egui;
 use forelock::player::Moment;
@@ -237,10 +238,10 @@ impl Hand {
         if let Some(colours) = &colours {
             scene.strands.iter_mut().for_each(|strands| strands.colours = Some(colours));
         }
-        let ghost = wanted.has_ghost.then(|| Ghost::new(&wanted.moment));
-        scene.strands.extend(ghost.as_ref().map(Ghost::strands));
-        let grid = wanted.moment.told.grid.as_ref().filter(|_| wanted.has_grid).map(Lattice::new);
-        scene.strands.extend(grid.as_ref().map(Lattice::strands));
+        let ghost = wanted.has_ghost.then(|| rest_shape(&wanted.moment));
+        scene.strands.extend(ghost.as_ref().map(Lines::strands));
+        let grid = wanted.moment.told.grid.as_ref().filter(|_| wanted.has_grid).map(edges_of);
+        scene.strands.extend(grid.as_ref().map(Lines::strands));
         let easel = &mut self.easel;
         let mut paint = || match easel {
             Some(easel) => easel.draw(&scene, &settings).map_err(|error| error.to_string()),

@@ -1,40 +1,23 @@
 //! The rest shape, drawn into the picture of the hair.
 
 use forelock::player::Moment;
-use forelock_render::{HairColour, Strands};
-use glam::Vec3;
+
+use crate::lines::Lines;
 
 /// The most strands that are drawn.
 const STRANDS: usize = 1500;
 /// Their colour, linear RGB.
 const COLOUR: [f32; 3] = [0.05, 0.5, 0.75];
 
-/// Evenly chosen strands of the rest shape, where the head is.
-#[derive(Debug)]
-pub struct Ghost {
-    positions: Vec<Vec3>,
-    offsets: Vec<u32>,
-    colours: Vec<[f32; 3]>,
-}
-
-impl Ghost {
-    /// That of `moment`.
-    pub fn new(moment: &Moment) -> Self {
-        let groom = moment.groom();
-        let every = groom.strand_count().div_ceil(STRANDS).max(1);
-        let (mut positions, mut offsets) = (Vec::new(), vec![0]);
-        for strand in groom.strands().step_by(every) {
-            positions.extend(strand.iter().map(|x| moment.head.transform_point(x.as_dvec3()).as_vec3()));
-            offsets.push(positions.len() as u32);
-        }
-        Self { colours: vec![COLOUR; positions.len()], positions, offsets }
+/// Evenly chosen strands of the rest shape of `moment`, where the head is.
+pub fn rest_shape(moment: &Moment) -> Lines {
+    let groom = moment.groom();
+    let every = groom.strand_count().div_ceil(STRANDS).max(1);
+    let mut lines = Lines::default();
+    for strand in groom.strands().step_by(every) {
+        lines.add(strand.iter().map(|x| moment.head.transform_point(x.as_dvec3()).as_vec3()), COLOUR);
     }
-
-    /// Its strands for a picture.
-    pub fn strands(&self) -> Strands<'_> {
-        let strands = Strands::new(&self.positions, &self.offsets, HairColour::BLACK);
-        Strands { colours: Some(&self.colours), ..strands }
-    }
+    lines
 }
 
 #[cfg(test)]
@@ -54,7 +37,7 @@ mod tests {
         player.set_head_pose(pose)?;
         player.step()?;
         let moment = player.moment()?;
-        let ghost = Ghost::new(&moment);
+        let ghost = rest_shape(&moment);
         assert_eq!(ghost.offsets.len(), 1001);
         let rest = moment.groom().positions();
         // Every second strand of five particles.

@@ -3,9 +3,9 @@
 use std::collections::HashMap;
 
 use forelock_core::frame::GridCells;
-use forelock_render::{HairColour, Strands};
-use glam::{DVec3, IVec3, Vec3};
+use glam::{DVec3, IVec3};
 
+use crate::lines::Lines;
 use crate::measure::colour;
 
 /// Density over that at rest at the end of the scale of colours.
@@ -13,49 +13,30 @@ pub const END: f32 = 2.0;
 
 /// The edges of the cells that hold hair, each drawn once, in the colour of the densest cell beside
 /// it.
-#[derive(Debug)]
-pub struct Lattice {
-    positions: Vec<Vec3>,
-    offsets: Vec<u32>,
-    colours: Vec<[f32; 3]>,
-}
-
-impl Lattice {
-    /// That of `cells`.
-    pub fn new(cells: &GridCells) -> Self {
-        let mut edges: HashMap<(IVec3, usize), f32> = HashMap::new();
-        for cell in &cells.cells {
-            for axis in 0..3 {
-                let [u, v] = [IVec3::AXES[(axis + 1) % 3], IVec3::AXES[(axis + 2) % 3]];
-                for corner in [IVec3::ZERO, u, v, u + v] {
-                    let densest = edges.entry((IVec3::from_array(cell.at) + corner, axis)).or_default();
-                    *densest = densest.max(cell.density);
-                }
+pub fn edges_of(cells: &GridCells) -> Lines {
+    let mut edges: HashMap<(IVec3, usize), f32> = HashMap::new();
+    for cell in &cells.cells {
+        for axis in 0..3 {
+            let [u, v] = [IVec3::AXES[(axis + 1) % 3], IVec3::AXES[(axis + 2) % 3]];
+            for corner in [IVec3::ZERO, u, v, u + v] {
+                let densest = edges.entry((IVec3::from_array(cell.at) + corner, axis)).or_default();
+                *densest = densest.max(cell.density);
             }
         }
-        // In an order that does not change from picture to picture.
-        let mut edges: Vec<_> =
-            edges.into_iter().map(|((at, axis), own)| (at.to_array(), axis, own)).collect();
-        edges.sort_unstable_by_key(|(at, axis, _)| (*at, *axis));
-        let corner = |at: IVec3| {
-            let local: DVec3 = at.as_dvec3() * cells.side;
-            cells.pose.transform_point(local).as_vec3()
-        };
-        let mut lattice = Self { positions: Vec::new(), offsets: vec![0], colours: Vec::new() };
-        for (at, axis, density) in edges {
-            let at = IVec3::from_array(at);
-            lattice.positions.extend([at, at + IVec3::AXES[axis]].map(corner));
-            lattice.offsets.push(lattice.positions.len() as u32);
-            lattice.colours.extend([colour(density / END); 2]);
-        }
-        lattice
     }
-
-    /// Its edges for a picture.
-    pub fn strands(&self) -> Strands<'_> {
-        let strands = Strands::new(&self.positions, &self.offsets, HairColour::BLACK);
-        Strands { colours: Some(&self.colours), ..strands }
+    // In an order that does not change from picture to picture.
+    let mut edges: Vec<_> = edges.into_iter().map(|((at, axis), own)| (at.to_array(), axis, own)).collect();
+    edges.sort_unstable_by_key(|(at, axis, _)| (*at, *axis));
+    let corner = |at: IVec3| {
+        let local: DVec3 = at.as_dvec3() * cells.side;
+        cells.pose.transform_point(local).as_vec3()
+    };
+    let mut lines = Lines::default();
+    for (at, axis, density) in edges {
+        let at = IVec3::from_array(at);
+        lines.add([at, at + IVec3::AXES[axis]].map(corner), colour(density / END));
     }
+    lines
 }
 
 #[cfg(test)]
@@ -70,7 +51,7 @@ mod tests {
         let cell = |at, density| GridCell { at, density, is_pressed: false };
         let pose = Pose::new(DQuat::from_rotation_z(0.5), DVec3::new(1.0, 2.0, 3.0));
         let cells = GridCells { pose, side: 0.01, cells: vec![cell([4, 0, 0], 0.0), cell([5, 0, 0], 2.0)] };
-        let lattice = Lattice::new(&cells);
+        let lattice = edges_of(&cells);
         // Twelve of each, four of which are of both.
         assert_eq!(lattice.offsets.len() - 1, 20);
         assert_eq!((lattice.positions.len(), lattice.colours.len()), (40, 40));

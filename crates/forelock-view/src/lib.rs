@@ -14,6 +14,7 @@ mod app;
 mod artist;
 mod ghost;
 mod lattice;
+mod lines;
 mod measure;
 mod orbit;
 pub mod panel;
