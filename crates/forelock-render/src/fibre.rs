@@ -55,7 +55,7 @@ pub(crate) const FRESNEL_0: f32 = 0.0465;
 /// The share of the light across a fibre that its surface reflects backward.
 pub(crate) const REFLECTED: f32 = 0.033;
 /// The share of the directions that hair around a fibre fills (Zinke et al. 2008, d_f and d_b).
-pub(crate) const CROWD: f32 = 0.7;
+pub(crate) const HAIR_DENSITY: f32 = 0.7;
 /// Mean paths of TT and TRT in a fibre across which light comes, radii.
 pub(crate) const PATHS: [f32; 2] = [1.95, 3.4];
 
@@ -126,19 +126,19 @@ impl Fibre {
         let [forward, backward] = self.scattered(angles.cos_d, angles.cos_t);
         // What comes back from the hair behind, and how far it has spread.
         let hidden = Vec3::ONE - ((forward - 1.0) * self.behind).map(f32::exp);
-        let back = from_behind(forward, backward) * hidden * CROWD;
-        let deviation = (1.0 + CROWD * luminance(forward * forward)) * (2.06 * ROUGHNESS);
+        let back = from_behind(forward, backward) * hidden * HAIR_DENSITY;
+        let deviation = (1.0 + HAIR_DENSITY * luminance(forward * forward)) * (2.06 * ROUGHNESS);
         let spread = depth * ROUGHNESS * ROUGHNESS;
-        let (ahead, aback) = (around(-angles.cos_phi), around(angles.cos_phi));
+        let (spread_on, spread_back) = (around(-angles.cos_phi), around(angles.cos_phi));
 
         let straight = (-depth).exp();
         let passed = ((forward - 1.0) * depth).map(f32::exp) - straight;
         let narrow = ROUGHNESS * ROUGHNESS + spread;
         let wide = deviation * deviation;
-        let single = self.single(angles) + back * (aback * gaussian(angles.sum, wide));
-        let many = (forward * ahead + backward * aback) * gaussian(angles.sum, narrow)
-            + back * (aback * gaussian(angles.sum, wide + spread));
-        (single * straight + passed * many * CROWD) * cos_l
+        let single = self.single(angles) + back * (spread_back * gaussian(angles.sum, wide));
+        let many = (forward * spread_on + backward * spread_back) * gaussian(angles.sum, narrow)
+            + back * (spread_back * gaussian(angles.sum, wide + spread));
+        (single * straight + passed * many * HAIR_DENSITY) * cos_l
     }
 
     /// The angles to light from `to_light`, and the cosine of its inclination.
@@ -302,9 +302,9 @@ mod tests {
             assert!(total > 0.7 && total <= 1.01, "{tilt}: {total}");
             for depth in [0.25, 0.5, 1.0, 2.0, 4.0, 30.0_f32] {
                 let openness = 0.5 + 0.5 * (-1.5 * depth).exp();
-                let crowded = Fibre::new(Vec3::X, to_eye, Vec3::ONE, 0.0, openness);
+                let dense = Fibre::new(Vec3::X, to_eye, Vec3::ONE, 0.0, openness);
                 let hidden = |light: Vec3| if light.dot(to_eye) > 0.0 { 0.0 } else { depth };
-                let total = integral(None, |light| crowded.scatter(light, hidden(light))).x;
+                let total = integral(None, |light| dense.scatter(light, hidden(light))).x;
                 assert!(total > 0.3 && total <= 1.0, "{tilt} {depth}: {total}");
             }
         }

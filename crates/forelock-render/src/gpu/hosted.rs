@@ -212,7 +212,7 @@ impl Hosted {
             backdrop_bottom: scene.backdrop.bottom.into(),
             centre: view.centre,
             size: [width, height],
-            tiles: [width.div_ceil(TILE), height.div_ceil(TILE)],
+            tiles: [grid.columns, grid.rows],
             lit_each: lit_each(&groups, &view, [width, height]),
             ..FrameData::default()
         };

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::GpuRenderError;
 use super::hosted::{FrameData, NONE, TILE};
 use crate::colour::ALBEDO_FROM_ABSORPTION;
-use crate::fibre::{CROWD, FRESNEL_0, PATHS, REFLECTED, ROUGHNESS, SCALE_TILT};
+use crate::fibre::{FRESNEL_0, HAIR_DENSITY, PATHS, REFLECTED, ROUGHNESS, SCALE_TILT};
 use crate::hair::{FILTER_RADIUS, MAX_PIECES, PIECE_PX};
 use crate::lighting::{EXTINCTION, SURFACE_DEPTH, WRAP};
 use crate::raster::OPAQUE;
@@ -28,6 +28,7 @@ const UNIT: u64 = 16;
 const MAX_GROUPS: u32 = 32_768;
 
 const FRAME: &str = include_str!("wgsl/frame.wgsl");
+const PARTICLES: &str = include_str!("wgsl/particles.wgsl");
 const STRAND: &str = include_str!("wgsl/strand.wgsl");
 const VERTEX: &str = include_str!("wgsl/vertex.wgsl");
 const DEPOSIT: &str = include_str!("wgsl/deposit.wgsl");
@@ -171,9 +172,9 @@ impl Stage {
     /// The texts of its shader.
     fn texts(&self) -> &'static [&'static str] {
         match self.name {
-            "project" => &[FRAME, STRAND, include_str!("wgsl/project.wgsl")],
+            "project" => &[FRAME, PARTICLES, STRAND, include_str!("wgsl/project.wgsl")],
             "map_shadows" => &[FRAME, LIGHT, VERTEX, include_str!("wgsl/map_shadows.wgsl")],
-            "deposit_hair" => &[FRAME, DEPOSIT, include_str!("wgsl/deposit_hair.wgsl")],
+            "deposit_hair" => &[FRAME, PARTICLES, DEPOSIT, include_str!("wgsl/deposit_hair.wgsl")],
             "deposit_bodies" => &[FRAME, VERTEX, DEPOSIT, include_str!("wgsl/deposit_bodies.wgsl")],
             "sweep" => &[FRAME, include_str!("wgsl/sweep.wgsl")],
             "open" => &[FRAME, include_str!("wgsl/open.wgsl")],
@@ -187,6 +188,7 @@ impl Stage {
             ],
             "shade" => &[
                 FRAME,
+                PARTICLES,
                 STRAND,
                 LIGHT,
                 LIGHTS,
@@ -224,7 +226,7 @@ fn constants() -> String {
         ("ROUGHNESS", ROUGHNESS),
         ("FRESNEL_0", FRESNEL_0),
         ("REFLECTED", REFLECTED),
-        ("CROWD", CROWD),
+        ("HAIR_DENSITY", HAIR_DENSITY),
         ("TT_PATH", PATHS[0]),
         ("TRT_PATH", PATHS[1]),
         ("ALBEDO_FROM_ABSORPTION", ALBEDO_FROM_ABSORPTION),

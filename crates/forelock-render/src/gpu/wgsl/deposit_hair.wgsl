@@ -1,7 +1,6 @@
 // The areas of chosen strands as seen from the side, one thread a strand: the twin of
 // `deposit_hair`.
 
-@group(0) @binding(1) var<storage, read> positions: array<f32>;
 @group(0) @binding(4) var<storage, read> widths: array<f32>;
 @group(0) @binding(24) var<storage, read> samples: array<Sample>;
 
@@ -24,12 +23,6 @@ fn taper(s: f32) -> f32 {
     return 1.0 - 0.8 * t * t;
 }
 
-fn particle(sample: Sample, i: u32) -> vec3f {
-    let at = sample.base + i * frame.particle_stride;
-    let step = frame.component_stride;
-    return vec3f(positions[at], positions[at + step], positions[at + 2u * step]) + frame.position_origin;
-}
-
 @compute @workgroup_size(THREADS)
 fn deposit_hair(
     @builtin(workgroup_id) group: vec3u,
@@ -42,9 +35,9 @@ fn deposit_hair(
     }
     let sample = samples[thread];
     let cell = cell_of(sample.grid);
-    var from_here = particle(sample, 0u);
+    var from_here = particle_from(sample.base, 0u);
     for (var i = 1u; i < sample.count; i += 1u) {
-        let to_there = particle(sample, i);
+        let to_there = particle_from(sample.base, i);
         let length = distance(from_here, to_there);
         var width = sample.width * taper((f32(i) - 0.5) / f32(sample.count - 1u));
         if sample.width == 0.0 {

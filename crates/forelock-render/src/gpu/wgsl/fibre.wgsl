@@ -69,20 +69,20 @@ fn scatter(fibre: Fibre, l: vec3f, depth: f32) -> vec3f {
 
     let shares = scattered(fibre, angles.cos_d, angles.cos_t);
     let hidden = 1.0 - exp((shares.forward - 1.0) * fibre.behind);
-    let back = from_behind(shares) * hidden * CROWD;
-    let deviation = (1.0 + CROWD * luminance(shares.forward * shares.forward)) * (2.06 * ROUGHNESS);
+    let back = from_behind(shares) * hidden * HAIR_DENSITY;
+    let deviation = (1.0 + HAIR_DENSITY * luminance(shares.forward * shares.forward)) * (2.06 * ROUGHNESS);
     let spread = depth * ROUGHNESS * ROUGHNESS;
-    let ahead = around(-angles.cos_phi);
-    let aback = around(angles.cos_phi);
+    let spread_on = around(-angles.cos_phi);
+    let spread_back = around(angles.cos_phi);
 
     let straight = exp(-depth);
     let passed = exp((shares.forward - 1.0) * depth) - straight;
     let narrow = ROUGHNESS * ROUGHNESS + spread;
     let wide = deviation * deviation;
-    let one = single(fibre, angles) + back * (aback * gaussian(angles.sum, wide));
-    let many = (shares.forward * ahead + shares.backward * aback) * gaussian(angles.sum, narrow)
-        + back * (aback * gaussian(angles.sum, wide + spread));
-    return (one * straight + passed * many * CROWD) * cos_l;
+    let one = single(fibre, angles) + back * (spread_back * gaussian(angles.sum, wide));
+    let many = (shares.forward * spread_on + shares.backward * spread_back) * gaussian(angles.sum, narrow)
+        + back * (spread_back * gaussian(angles.sum, wide + spread));
+    return (one * straight + passed * many * HAIR_DENSITY) * cos_l;
 }
 
 fn scattered(fibre: Fibre, cos_d: f32, cos_t: f32) -> Scattered {

@@ -1,14 +1,11 @@
 // Particles in world space.
 
 @group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> positions: array<f32>;
 @group(0) @binding(2) var<storage, read> curves: array<Curve>;
 @group(0) @binding(3) var<storage, read> owners: array<u32>;
 
 fn particle(curve: Curve, i: u32) -> vec3f {
-    let at = curve.base + i * frame.particle_stride;
-    let step = frame.component_stride;
-    return vec3f(positions[at], positions[at + step], positions[at + 2u * step]) + frame.position_origin;
+    return particle_from(curve.base, i);
 }
 
 // The particles around the edge from particle `i` on.
