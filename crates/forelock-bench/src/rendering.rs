@@ -3,8 +3,9 @@
 //! # Practice
 //! Straight strands of 25 particles grown on the built-in head, without children, from three
 //! distances. Times of stages are means on the device's clock, after a warm-up. Preparing is what
-//! the CPU does for a picture by the GPU: bodies, shadow maps, grids of optical depth, and the
-//! upload. The CPU's picture is the one of `forelock render`, drawn once.
+//! the CPU does for the next picture by the GPU of the same hair and bodies: it compares them with
+//! those before and uploads positions. The CPU's picture is the one of `forelock render`, drawn
+//! once.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -87,7 +88,7 @@ pub struct RenderingRow {
     pub gpu_ms: f64,
     /// Milliseconds from the call to the picture in the CPU's memory.
     pub with_reading_ms: f64,
-    /// Milliseconds of the CPU: bodies are placed, strands chosen, and all is uploaded.
+    /// Milliseconds of the CPU: strands are chosen, and what is new is uploaded.
     pub prepare_ms: f64,
     /// Bytes uploaded for a picture.
     pub uploaded_bytes: u64,
@@ -232,7 +233,7 @@ impl Rendering {
                     "Pictures of {} × {} pixels; the mean of {} pictures on the device's clock.",
                     self.width, self.height, self.frames
                 ),
-                "Preparing is the CPU's part of a picture by the GPU: it places bodies and uploads."
+                "Preparing is the CPU's part of the next picture by the GPU: it uploads what moves."
                     .to_owned(),
             ],
             tables,

@@ -36,6 +36,7 @@ use rayon::prelude::*;
 
 use crate::camera::View;
 use crate::colour::luminance;
+use crate::drawable::{drawable, extent, strand_count};
 use crate::random;
 use crate::scene::{Scene, Settings, Strands};
 use crate::tiles::{Bins, TILE, TileGrid};
@@ -124,14 +125,18 @@ pub(crate) struct Hair<'a> {
 #[derive(Clone, Copy)]
 pub(crate) struct Group<'a> {
     pub strands: Strands<'a>,
+    /// Whether all strands can be drawn.
+    pub is_sound: bool,
+    /// The smallest box around the strands that can be drawn: (min, max).
+    pub bounds: (Vec3, Vec3),
     pub children: u32,
     pub width_scale: f32,
     /// The largest offset of a child, metres.
-    radius: f32,
+    pub radius: f32,
     /// Logarithms of the albedos of hairs with pigment and without.
     log_albedos: [Vec3; 2],
     /// The share of the curves that are drawn.
-    share: f32,
+    pub share: f32,
     seed: u32,
 }
 
@@ -141,23 +146,6 @@ const FEWEST: f32 = 2000.0;
 const NEAREST_OF: usize = 512;
 /// Of the curves that are drawn, the share that is thinner than the others.
 const FADING: f32 = 0.1;
-
-/// The strands of `strands` that can be drawn: (index, particle range).
-pub(crate) fn drawable<'a>(
-    strands: &Strands<'a>,
-    range: std::ops::Range<usize>,
-) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> + Clone + use<'a> {
-    let (positions, offsets) = (strands.positions, strands.strand_offsets);
-    range.filter_map(move |s| {
-        let particles = offsets[s] as usize..offsets[s + 1] as usize;
-        let usable = particles.len() >= 2 && positions[particles.clone()].iter().all(|p| p.is_finite());
-        usable.then_some((s, particles))
-    })
-}
-
-pub(crate) fn strand_count(strands: &Strands<'_>) -> usize {
-    strands.strand_offsets.len().saturating_sub(1)
-}
 
 impl<'a> Group<'a> {
     /// The groups of `scene`. The offsets must be valid.
@@ -173,7 +161,7 @@ impl<'a> Group<'a> {
         let every = (count / NEAREST_OF).max(1);
         let (mut nearest, mut width) = (f32::INFINITY, 0.0_f32);
         for strand in (0..count).step_by(every) {
-            for (_, particles) in drawable(&self.strands, strand..strand + 1) {
+            for (_, particles) in self.drawable(strand..strand + 1) {
                 let own = match self.strands.widths {
                     Some(widths) => widths[particles.clone()].iter().copied().fold(0.0, f32::max),
                     None => self.strands.width,
@@ -189,21 +177,27 @@ impl<'a> Group<'a> {
         Self { share, ..self }
     }
 
-    /// The factor on the width of a curve; 0 for those that are not drawn.
-    pub fn detail(&self, strand: u32, child: u32) -> f32 {
+    /// The rank of a curve, 0–1: those of the highest ranks vanish first.
+    pub fn rank(&self, strand: u32, child: u32) -> f32 {
+        random::unit(self.seed, strand, RANK + child)
+    }
+
+    /// The factor on the width of a curve of rank `rank`; 0 for those that are not drawn, which are
+    /// those with a rank of [`share`](Self::share) and more.
+    pub fn detail(&self, rank: f32) -> f32 {
         if self.share >= 1.0 {
             return 1.0;
         }
         let fading = (FADING * self.share).min(1.0 - self.share);
-        let rank = random::unit(self.seed, strand, RANK + child);
         let whole = 1.0 / (self.share - 0.5 * fading);
         whole * ((self.share - rank) / fading).clamp(0.0, 1.0)
     }
 
     fn new(strands: Strands<'a>, total: usize, settings: &Settings) -> Self {
         let count = strand_count(&strands).max(1);
+        let (is_sound, bounds) = extent(&strands);
         let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        for (_, particles) in drawable(&strands, 0..strand_count(&strands)) {
+        for (_, particles) in drawable(&strands, is_sound, 0..strand_count(&strands)) {
             let root = strands.positions[particles.start];
             (lo, hi) = (lo.min(root), hi.max(root));
         }
@@ -216,12 +210,35 @@ impl<'a> Group<'a> {
         let width_scale = settings.width_scale.unwrap_or(hairs_each.powf(0.7).clamp(1.0, MAX_WIDTH_SCALE));
         let radius = 0.5 * (area / count as f32).sqrt();
         let log_albedos = strands.colour.albedos().map(|albedo| albedo.map(f32::ln));
-        Self { strands, children, width_scale, radius, log_albedos, share: 1.0, seed: settings.seed }
+        Self {
+            strands,
+            is_sound,
+            bounds,
+            children,
+            width_scale,
+            radius,
+            log_albedos,
+            share: 1.0,
+            seed: settings.seed,
+        }
+    }
+
+    /// The strands of `range` that can be drawn: (index, particle range).
+    pub fn drawable(
+        &self,
+        range: std::ops::Range<usize>,
+    ) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> + Clone + use<'a> {
+        drawable(&self.strands, self.is_sound, range)
     }
 
     /// Diameter drawn at particle coordinate `at` (particle index plus fraction), `s` from root 0
     /// to tip 1.
     pub fn width(&self, first: usize, at: f32, s: f32) -> f32 {
+        self.bare_width(first, at, s) * self.width_scale
+    }
+
+    /// [`width`](Self::width) without the factor for widths.
+    pub fn bare_width(&self, first: usize, at: f32, s: f32) -> f32 {
         let width = match self.strands.widths {
             Some(widths) => {
                 let i = first + at as usize;
@@ -230,7 +247,7 @@ impl<'a> Group<'a> {
             }
             None => self.strands.width * taper(s),
         };
-        if width.is_finite() { width.max(0.0) * self.width_scale } else { 0.0 }
+        if width.is_finite() { width.max(0.0) } else { 0.0 }
     }
 
     /// The offset of child `child` from its strand `strand` at `s`.
@@ -252,7 +269,7 @@ impl<'a> Group<'a> {
         let draw = |stream| curve_draw(seed, strand, child, stream);
         CurveDraws {
             log_albedo: self.log_albedo(draw),
-            offset: offset * self.radius,
+            offset,
             wave,
             bright: draw(0),
             grey: draw(1),
@@ -265,7 +282,7 @@ impl<'a> Group<'a> {
 #[cfg(feature = "gpu")]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CurveDraws {
-    /// The offset of a child, metres.
+    /// The offset of a child, relative to the largest one.
     pub offset: Vec3,
     pub wave: f32,
     /// Logarithm of the albedo.
@@ -428,11 +445,11 @@ impl Chunk {
         let (mut curves, mut points) = (Vec::new(), Vec::new());
         // An upper bound of half the width in pixels, from the nearest depth and the largest width.
         let mut reach = 0.0_f32;
-        for (strand, particles) in drawable(&group.strands, range) {
+        for (strand, particles) in group.drawable(range) {
             let strand_points = &group.strands.positions[particles.clone()];
             let last = strand_points.len() - 1;
             for child in 0..group.children {
-                let detail = group.detail(strand as u32, child);
+                let detail = group.detail(group.rank(strand as u32, child));
                 if detail == 0.0 {
                     continue;
                 }
@@ -531,7 +548,7 @@ mod tests {
         let mut before = vec![1.0_f32; 40_000];
         for share in [1.0, 0.999, 0.97, 0.95, 0.6, 0.3, 0.1, 0.02] {
             let group = Group { share, ..group };
-            let now: Vec<f32> = (0..40_000).map(|strand| group.detail(strand, 1)).collect();
+            let now: Vec<f32> = (0..40_000).map(|strand| group.detail(group.rank(strand, 1))).collect();
             let mean = now.iter().sum::<f32>() / now.len() as f32;
             assert!((mean - 1.0).abs() < 0.05 / share.sqrt(), "{share}: {mean}");
             let drawn = now.iter().filter(|detail| **detail > 0.0).count() as f32 / now.len() as f32;
@@ -542,8 +559,9 @@ mod tests {
         }
         // A slightly smaller share changes no width by much.
         let [a, b] = [0.5, 0.499].map(|share| Group { share, ..group });
-        let change = |strand| (a.detail(strand, 0) - b.detail(strand, 0)).abs();
-        assert!((0..40_000).map(change).fold(0.0, f32::max) < 0.05 * a.detail(0, 0).max(2.0));
+        let ranks = (0..40_000).map(|strand| group.rank(strand, 0));
+        let change = ranks.map(|rank| (a.detail(rank) - b.detail(rank)).abs()).fold(0.0, f32::max);
+        assert!(change < 0.05 * a.detail(0.0).max(2.0));
     }
 
     #[test]

@@ -45,6 +45,7 @@
 
 pub mod camera;
 pub mod colour;
+mod drawable;
 mod face;
 mod fibre;
 pub mod film;

@@ -3,8 +3,9 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::drawable::strand_count;
 use crate::fibre::Fibre;
-use crate::hair::{Group, StrandPoint, drawable, strand_count};
+use crate::hair::{Group, StrandPoint};
 use crate::light::{Ambient, Light};
 use crate::scene::Scene;
 use crate::shadow_map::ShadowMap;
@@ -43,18 +44,19 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    /// The plan for a picture of `scene` of `size` pixels.
-    pub fn new(scene: &Scene<'_>, solids: &Solids<'_>, groups: &[Group<'_>], size: [u32; 2]) -> Self {
+    /// The plan for a picture of `scene` of `size` pixels. `bodies` is the smallest box around the
+    /// bodies, empty (min > max) if there is nothing of them.
+    pub fn new(scene: &Scene<'_>, bodies: (Vec3, Vec3), groups: &[Group<'_>], size: [u32; 2]) -> Self {
         let short = size[0].min(size[1]);
         let cells = (short / 4).clamp(SHADOW_CELLS[0], SHADOW_CELLS[1]);
         let map_side = short.clamp(MAP_SIDES[0], MAP_SIDES[1]).next_multiple_of(8) as usize;
         let pixels = size[0] as usize * size[1] as usize;
-        let (body_lo, body_hi) = solids.bounds();
+        let (body_lo, body_hi) = bodies;
         let (hair_lo, hair_hi) = hair_bounds(groups);
         let (lo, hi) = (body_lo.min(hair_lo), body_hi.max(hair_hi));
         let anything = lo.is_finite() && hi.is_finite() && lo.cmple(hi).all();
         let has_hair = hair_lo.cmple(hair_hi).all();
-        let has_body = !solids.triangles.is_empty() && body_lo.cmple(body_hi).all();
+        let has_body = body_lo.cmple(body_hi).all();
         // The grids cover the hair and the points close enough to be shaded by it.
         let margin = if has_hair { 0.2 * (hair_hi - hair_lo).length() } else { 0.0 };
         let (grid_lo, grid_hi) =
@@ -89,7 +91,7 @@ pub(crate) struct Lighting {
 impl Lighting {
     /// The lights of `scene`, for a picture of `size` pixels.
     pub fn new(scene: &Scene<'_>, solids: &Solids<'_>, groups: &[Group<'_>], size: [u32; 2]) -> Self {
-        let plan = Plan::new(scene, solids, groups, size);
+        let plan = Plan::new(scene, solids.bounds(), groups, size);
         let density = plan.shadows.map(|layout| {
             let deposits = Deposits::new(layout);
             deposit_hair(groups, &deposits, plan.shadow_strands);
@@ -167,15 +169,8 @@ impl Lighting {
 }
 
 fn hair_bounds(groups: &[Group<'_>]) -> (Vec3, Vec3) {
-    let mut bounds = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    for group in groups {
-        for (_, particles) in drawable(&group.strands, 0..strand_count(&group.strands)) {
-            for &p in &group.strands.positions[particles] {
-                bounds = (bounds.0.min(p), bounds.1.max(p));
-            }
-        }
-    }
-    bounds
+    let all = groups.iter().map(|group| group.bounds);
+    all.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), own| (lo.min(own.0), hi.max(own.1)))
 }
 
 /// Of the strands of a group about `most` evenly chosen ones: their distance in the list, how many
@@ -195,7 +190,7 @@ fn deposit_hair(groups: &[Group<'_>], deposits: &Deposits, most: usize) {
         let (every, chosen, weight) = chosen_of(group, most);
         (0..chosen.div_ceil(256)).into_par_iter().for_each(|block| {
             let range = block * 256..((block + 1) * 256).min(chosen);
-            let strands = range.flat_map(|k| drawable(&group.strands, k * every..k * every + 1));
+            let strands = range.flat_map(|k| group.drawable(k * every..k * every + 1));
             for (_, particles) in strands {
                 let points = &group.strands.positions[particles.clone()];
                 let last = (points.len() - 1) as f32;

@@ -39,7 +39,7 @@ impl<'a> Scene<'a> {
         Self { bodies, strands, camera, lights, ambient: Ambient::default(), backdrop: Backdrop::default() }
     }
 
-    /// Checks that a picture can be drawn, but for the triangles of bodies.
+    /// Checks that a picture can be drawn, but for the bodies.
     pub(crate) fn check(&self, settings: &Settings) -> Result<(), RenderError> {
         settings.check()?;
         if !self.camera.is_valid() {
@@ -90,6 +90,25 @@ impl<'a> Body<'a> {
     /// `mesh` at `pose` in [`CLAY`](Self::CLAY).
     pub fn new(mesh: &'a TriMesh, pose: Pose) -> Self {
         Self { mesh, pose, colour: Self::CLAY, face: None, scalp: None }
+    }
+
+    /// Checks that triangles and attributes of body number `index` match its vertices.
+    pub(crate) fn check(&self, index: usize) -> Result<(), RenderError> {
+        let vertices = self.mesh.positions.len();
+        let bad = |corners: &[u32; 3]| corners.iter().any(|&v| v as usize >= vertices);
+        if let Some(triangle) = self.mesh.triangles.iter().position(bad) {
+            return Err(RenderError::Triangle { body: index, triangle });
+        }
+        let lengths = [
+            ("face.rest", self.face.map(|face| face.rest.len())),
+            ("scalp.shares", self.scalp.map(|scalp| scalp.shares.len())),
+        ];
+        for (name, found) in lengths {
+            if let Some(found) = found.filter(|found| *found != vertices) {
+                return Err(RenderError::VertexAttribute { body: index, name, expected: vertices, found });
+            }
+        }
+        Ok(())
     }
 }
 

@@ -51,25 +51,7 @@ impl<'a> Solids<'a> {
     pub fn new(bodies: &[Body<'a>], view: &View, tiles: TileGrid) -> Result<Self, RenderError> {
         let mut solids = Self::default();
         for (index, body) in bodies.iter().enumerate() {
-            let vertices = body.mesh.positions.len();
-            let bad = |corners: &[u32; 3]| corners.iter().any(|&v| v as usize >= vertices);
-            if let Some(triangle) = body.mesh.triangles.iter().position(bad) {
-                return Err(RenderError::Triangle { body: index, triangle });
-            }
-            let lengths = [
-                ("face.rest", body.face.map(|face| face.rest.len())),
-                ("scalp.shares", body.scalp.map(|scalp| scalp.shares.len())),
-            ];
-            for (name, found) in lengths {
-                if let Some(found) = found.filter(|found| *found != vertices) {
-                    return Err(RenderError::VertexAttribute {
-                        body: index,
-                        name,
-                        expected: vertices,
-                        found,
-                    });
-                }
-            }
+            body.check(index)?;
             solids.append(body);
         }
         let seen: Vec<Vec3> = solids.positions.iter().map(|&p| view.to_camera(p)).collect();
@@ -101,36 +83,16 @@ impl<'a> Solids<'a> {
         self.bodies.push(Range { body: *body, end: self.triangles.len() as u32, first });
     }
 
-    /// What the vertices of all bodies are, for the device: position and 1 for a face, normal,
-    /// skin, and place on the built-in head, with one channel of the brows' colour each.
-    #[cfg(feature = "gpu")]
-    pub fn vertices(&self) -> Vec<[[f32; 4]; 4]> {
-        let mut vertices = Vec::with_capacity(self.positions.len());
-        for Range { body, first, .. } in &self.bodies {
-            for own in 0..body.mesh.positions.len() {
-                let at = *first as usize + own;
-                let share = body.scalp.map_or(0.0, |scalp| unit(scalp.shares[own]));
-                let skin = body.scalp.map_or(body.colour, |scalp| body.colour.lerp(scalp.colour, share));
-                let rest = body.face.map_or(Vec3::ZERO, |face| face.rest[own]);
-                let brows = body.face.map_or(Vec3::ZERO, |face| face.brows);
-                let has_face = if body.face.is_some() { 1.0 } else { 0.0 };
-                vertices.push([
-                    self.positions[at].extend(has_face).into(),
-                    self.normals[at].extend(brows.x).into(),
-                    skin.extend(brows.y).into(),
-                    rest.extend(brows.z).into(),
-                ]);
-            }
-        }
-        vertices
-    }
-
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
         self.triangles[triangle].map(|v| self.positions[v as usize])
     }
 
-    /// The smallest box around all finite vertices. It is empty (min > max) if there is none.
+    /// The smallest box around all finite vertices. It is empty (min > max) if there is none, or no
+    /// triangle.
     pub fn bounds(&self) -> (Vec3, Vec3) {
+        if self.triangles.is_empty() {
+            return (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        }
         let finite = self.positions.iter().filter(|p| p.is_finite());
         finite.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)))
     }

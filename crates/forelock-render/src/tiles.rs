@@ -8,8 +8,6 @@ pub(crate) const TILE: u32 = 32;
 pub(crate) struct TileGrid {
     pub columns: u32,
     pub rows: u32,
-    /// The side of a tile, pixels.
-    side: u32,
 }
 
 /// The tiles from `lo` to `hi` inclusive, as (column, row).
@@ -20,13 +18,8 @@ pub(crate) struct TileRect {
 }
 
 impl TileGrid {
-    /// Tiles of [`TILE`] pixels.
     pub fn new(width: u32, height: u32) -> Self {
-        Self::of_side(TILE, width, height)
-    }
-
-    pub fn of_side(side: u32, width: u32, height: u32) -> Self {
-        Self { columns: width.div_ceil(side), rows: height.div_ceil(side), side }
+        Self { columns: width.div_ceil(TILE), rows: height.div_ceil(TILE) }
     }
 
     pub fn len(&self) -> usize {
@@ -35,7 +28,7 @@ impl TileGrid {
 
     /// The tiles that the box from `lo` to `hi`, in pixels, touches, if there are any.
     pub fn rect(&self, lo: [f32; 2], hi: [f32; 2]) -> Option<TileRect> {
-        let side = self.side as f32;
+        let side = TILE as f32;
         let (w, h) = (self.columns as f32 * side, self.rows as f32 * side);
         let touches = hi[0] >= 0.0 && hi[1] >= 0.0 && lo[0] < w && lo[1] < h;
         // Casts of floats saturate, so corners outside the picture give tiles at its border.
@@ -78,14 +71,6 @@ impl Bins {
             }
         }
         Self { offsets, items: sorted }
-    }
-
-    /// One array: for each tile the index of its first item in the array, the end of the last
-    /// one's, then all items.
-    #[cfg(feature = "gpu")]
-    pub fn flat(&self) -> Vec<u32> {
-        let first = self.offsets.len() as u32;
-        self.offsets.iter().map(|offset| first + offset).chain(self.items.iter().copied()).collect()
     }
 
     /// The items that touch `tile`.

@@ -2,16 +2,15 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use glam::Vec3;
-
 use super::GpuRenderError;
+use super::curves::{self, HairArrays};
+use super::meshes::{self, BodyArrays};
+use super::shadows::LightArrays;
 use crate::camera::View;
-use crate::hair::{Group, PIECE_PX, drawable, strand_count};
-use crate::lighting::{OCCLUSION_STRANDS, Plan, chosen_of};
+use crate::drawable::strand_count;
+use crate::hair::{Group, PIECE_PX};
+use crate::lighting::Plan;
 use crate::scene::{Scene, Settings};
-use crate::solids::Solids;
-use crate::tiles::TileGrid;
-use crate::volume::{Layout, open_directions};
 
 /// The side of a tile of the device, pixels.
 pub(super) const TILE: u32 = 16;
@@ -38,17 +37,17 @@ pub(super) struct FrameData {
     forward: [f32; 3],
     pub points: u32,
     sky: [f32; 3],
-    lights: u32,
+    pub lights: u32,
     ground: [f32; 3],
     pub capacity: u32,
-    shadow_origin: [f32; 3],
-    shadow_cell: f32,
-    shadow_size: [u32; 3],
+    pub shadow_origin: [f32; 3],
+    pub shadow_cell: f32,
+    pub shadow_size: [u32; 3],
     particle_stride: u32,
-    open_origin: [f32; 3],
-    open_cell: f32,
-    open_size: [u32; 3],
-    open_start: u32,
+    pub open_origin: [f32; 3],
+    pub open_cell: f32,
+    pub open_size: [u32; 3],
+    pub open_start: u32,
     position_origin: [f32; 3],
     component_stride: u32,
     backdrop_top: [f32; 3],
@@ -62,7 +61,8 @@ pub(super) struct FrameData {
     pub samples: u32,
     pub sweeps: u32,
     pub slices: u32,
-    unused: [u32; 2],
+    pub vertices: u32,
+    unused: u32,
 }
 
 impl FrameData {
@@ -72,42 +72,8 @@ impl FrameData {
     }
 }
 
-/// The struct of the same name in `frame.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct CurveData {
-    base: u32,
-    first: u32,
-    count: u32,
-    start: u32,
-    offset: [f32; 3],
-    wave: f32,
-    log_albedo: [f32; 3],
-    tilt: f32,
-    bright: f32,
-    grey: f32,
-    has_colours: u32,
-    /// The factor on its width.
-    detail: f32,
-}
-
-/// `Light` in `light.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct LightData {
-    direction: [f32; 3],
-    texel: f32,
-    colour: [f32; 3],
-    heights: u32,
-    right: [f32; 3],
-    grid: u32,
-    up: [f32; 3],
-    side: u32,
-    origin: [f32; 3],
-    unused: u32,
-}
-
-/// Everything that the device needs to draw a scene.
+/// Everything that the device needs to draw a scene, kept from one frame to the next.
+#[derive(Debug, Default)]
 pub(super) struct Hosted {
     pub frame: FrameData,
     pub hair: HairArrays,
@@ -115,84 +81,26 @@ pub(super) struct Hosted {
     pub bodies: BodyArrays,
 }
 
-/// Strands and their attributes.
-#[derive(Default)]
-pub(super) struct HairArrays {
-    /// `[3 P]`, particle by particle.
-    pub positions: Vec<f32>,
-    pub curves: Vec<CurveData>,
-    /// The curve of each drawn particle.
-    pub owners: Vec<u32>,
-    /// Diameters as drawn, `[P]`, metres.
-    pub widths: Vec<f32>,
-    /// `[P]`, or empty if no group has colours of its own.
-    pub albedos: Vec<[f32; 4]>,
-}
-
-/// `Sample` in `deposit_hair.wgsl`: a strand of which a grid of optical depths is made.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct SampleData {
-    base: u32,
-    first: u32,
-    count: u32,
-    grid: u32,
-    weight: f32,
-    width: f32,
-}
-
-/// `Sweep` in `sweep.wgsl`: a direction in which a grid is swept.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct SweepData {
-    direction: [f32; 3],
-    cells: u32,
-    size: [u32; 3],
-    depths: u32,
-}
-
-/// Lights, and of what their shadows are made.
-#[derive(Default)]
-pub(super) struct LightArrays {
-    pub lights: Vec<LightData>,
-    pub samples: Vec<SampleData>,
-    pub sweeps: Vec<SweepData>,
-    /// Numbers in the buffers for shadow maps, grids of optical depths, and what is deposited.
-    pub room: [usize; 3],
-}
-
-/// Bodies.
-pub(super) struct BodyArrays {
-    pub triangles: Vec<TriangleData>,
-    /// The triangles that touch each tile.
-    pub bins: Vec<u32>,
-    pub vertices: Vec<[[f32; 4]; 4]>,
-    /// The vertices of all triangles.
-    pub faces: Vec<[u32; 3]>,
-}
-
-/// `Triangle` in `bodies.wgsl`: pixel x, pixel y and inverse depth of each corner, and its vertex.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct TriangleData {
-    a: [f32; 3],
-    va: u32,
-    b: [f32; 3],
-    vb: u32,
-    c: [f32; 3],
-    vc: u32,
+/// What is new since the frame before.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct News {
+    pub hair: curves::News,
+    pub bodies: meshes::News,
 }
 
 impl Hosted {
-    pub fn new(scene: &Scene<'_>, settings: &Settings) -> Result<Self, GpuRenderError> {
+    /// Makes everything that of `scene`, but for the positions of strands.
+    pub fn update(&mut self, scene: &Scene<'_>, settings: &Settings) -> Result<News, GpuRenderError> {
         scene.check(settings)?;
         let Settings { width, height, .. } = *settings;
         let view = View::new(&scene.camera, width, height);
-        let grid = TileGrid::of_side(TILE, width, height);
-        let solids = Solids::new(&scene.bodies, &view, grid)?;
         let groups = Group::all(scene, settings, &view);
-        let hair = HairArrays::new(&groups, settings.seed);
-        let mut frame = FrameData {
+        let news = News {
+            hair: self.hair.update(&groups, settings.seed),
+            bodies: self.bodies.update(&scene.bodies)?,
+        };
+        let faces = self.bodies.faces.len() as u32;
+        self.frame = FrameData {
             eye: view.eye.into(),
             focal: view.focal,
             right: view.right.into(),
@@ -200,9 +108,10 @@ impl Hosted {
             up: view.up.into(),
             exposure: settings.exposure,
             forward: view.forward.into(),
-            points: hair.owners.len() as u32,
-            faces: solids.triangles.len() as u32,
-            slices: (SLICED / solids.triangles.len().max(1) as u32).clamp(4, 64),
+            points: self.hair.owners.len() as u32,
+            vertices: self.bodies.vertices.len() as u32,
+            faces,
+            slices: (SLICED / faces.max(1)).clamp(4, 64),
             sky: scene.ambient.sky.into(),
             ground: scene.ambient.ground.into(),
             particle_stride: 3,
@@ -212,14 +121,13 @@ impl Hosted {
             backdrop_bottom: scene.backdrop.bottom.into(),
             centre: view.centre,
             size: [width, height],
-            tiles: [grid.columns, grid.rows],
+            tiles: [width.div_ceil(TILE), height.div_ceil(TILE)],
             lit_each: lit_each(&groups, &view, [width, height]),
             ..FrameData::default()
         };
-        let light =
-            LightArrays::new(&Plan::new(scene, &solids, &groups, [width, height]), &groups, &mut frame);
-        let bodies = BodyArrays::new(&solids);
-        Ok(Self { frame, hair, light, bodies })
+        let plan = Plan::new(scene, self.bodies.bounds(), &groups, [width, height]);
+        self.light = LightArrays::new(&plan, &groups, &mut self.frame);
+        Ok(news)
     }
 }
 
@@ -230,7 +138,7 @@ fn lit_each(groups: &[Group<'_>], view: &View, size: [u32; 2]) -> u32 {
         let count = strand_count(&group.strands);
         let step = count.div_ceil(SAMPLED_STRANDS).max(1);
         for strand in (0..count).step_by(step) {
-            for (_, particles) in drawable(&group.strands, strand..strand + 1) {
+            for (_, particles) in group.drawable(strand..strand + 1) {
                 let points = &group.strands.positions[particles];
                 lengths.extend(points.windows(2).filter_map(|edge| {
                     let middle = view.to_camera(edge[0].midpoint(edge[1]));
@@ -248,146 +156,11 @@ fn lit_each(groups: &[Group<'_>], view: &View, size: [u32; 2]) -> u32 {
     ((long / PIECE_PX).ceil() as u32).clamp(1, MAX_LIT)
 }
 
-impl HairArrays {
-    fn new(groups: &[Group<'_>], seed: u32) -> Self {
-        let mut arrays = Self::default();
-        let has_colours = groups.iter().any(|group| group.strands.colours.is_some());
-        for group in groups {
-            let before = arrays.widths.len() as u32;
-            arrays.append_particles(group, has_colours);
-            for (strand, particles) in drawable(&group.strands, 0..strand_count(&group.strands)) {
-                let (first, count) = (before + particles.start as u32, particles.len() as u32);
-                let places = arrays.widths[first as usize..][..count as usize].iter_mut();
-                for (i, width) in places.enumerate() {
-                    *width = group.width(particles.start, i as f32, i as f32 / (count - 1) as f32);
-                }
-                for child in 0..group.children {
-                    let detail = group.detail(strand as u32, child);
-                    if detail == 0.0 {
-                        continue;
-                    }
-                    let start = arrays.owners.len();
-                    arrays.owners.resize(start + count as usize, arrays.curves.len() as u32);
-                    let draws = group.draws(seed, strand as u32, child);
-                    arrays.curves.push(CurveData {
-                        base: 3 * first,
-                        first,
-                        count,
-                        start: start as u32,
-                        offset: draws.offset.into(),
-                        wave: draws.wave,
-                        log_albedo: draws.log_albedo.into(),
-                        tilt: draws.tilt,
-                        bright: draws.bright,
-                        grey: draws.grey,
-                        has_colours: group.strands.colours.is_some().into(),
-                        detail,
-                    });
-                }
-            }
-        }
-        arrays
-    }
-
-    /// Appends the positions and albedos of all particles of `group`, and room for their widths.
-    fn append_particles(&mut self, group: &Group<'_>, has_colours: bool) {
-        self.positions.extend_from_slice(bytemuck::cast_slice(group.strands.positions));
-        let count = self.positions.len() / 3;
-        self.widths.resize(count, 0.0);
-        if has_colours {
-            let colours = group.strands.colours.unwrap_or_default();
-            self.albedos.extend(colours.iter().map(|&[r, g, b]| [r, g, b, 0.0]));
-            self.albedos.resize(count, [0.0; 4]);
-        }
-    }
-}
-
-impl LightArrays {
-    /// The arrays of `plan`; its layout goes to `frame`.
-    fn new(plan: &Plan, groups: &[Group<'_>], frame: &mut FrameData) -> Self {
-        let mut arrays = Self::default();
-        let [mut heights, mut grids, mut deposits] = [0; 3];
-        if let Some(layout) = plan.shadows {
-            let Layout { origin, cell, size } = layout;
-            (frame.shadow_origin, frame.shadow_cell, frame.shadow_size) = (origin.into(), cell, size.into());
-            deposits += layout.len();
-            arrays.sample(groups, plan.shadow_strands, 0);
-        }
-        for (light, map) in &plan.lights {
-            let mut data = LightData {
-                direction: light.direction.into(),
-                colour: light.colour.into(),
-                heights: NONE,
-                grid: NONE,
-                ..LightData::zeroed()
-            };
-            if let Some(map) = map {
-                let [right, up, _] = map.axes;
-                (data.right, data.up, data.origin) = (right.into(), up.into(), map.origin.into());
-                (data.texel, data.side, data.heights) = (map.texel(), map.side as u32, heights as u32);
-                heights += map.side * map.side;
-            }
-            if let Some(layout) = plan.shadows.filter(|_| light.shadows) {
-                data.grid = grids as u32;
-                arrays.sweep(-light.direction, 0, layout, &mut grids);
-            }
-            arrays.lights.push(data);
-        }
-        if let Some(layout) = plan.openness {
-            let Layout { origin, cell, size } = layout;
-            (frame.open_origin, frame.open_cell, frame.open_size) = (origin.into(), cell, size.into());
-            frame.open_start = grids as u32;
-            grids += layout.len();
-            for direction in open_directions() {
-                arrays.sweep(direction, deposits, layout, &mut grids);
-            }
-            deposits += layout.len();
-            arrays.sample(groups, OCCLUSION_STRANDS, 1);
-        }
-        frame.lights = arrays.lights.len() as u32;
-        (frame.samples, frame.sweeps) = (arrays.samples.len() as u32, arrays.sweeps.len() as u32);
-        arrays.room = [heights, grids, deposits];
-        arrays
-    }
-
-    fn sweep(&mut self, direction: Vec3, cells: usize, layout: Layout, grids: &mut usize) {
-        let (direction, size) = (direction.into(), layout.size.into());
-        self.sweeps.push(SweepData { direction, cells: cells as u32, size, depths: *grids as u32 });
-        *grids += layout.len();
-    }
-
-    /// Chooses about `most` strands of each group for grid number `grid`.
-    fn sample(&mut self, groups: &[Group<'_>], most: usize, grid: u32) {
-        let mut before = 0;
-        for group in groups {
-            let (every, chosen, weight) = chosen_of(group, most);
-            let weight = weight * group.children as f32;
-            let width = group.strands.widths.map_or_else(|| group.width(0, 0.0, 0.0), |_| 0.0);
-            for strand in (0..chosen).map(|k| k * every) {
-                for (_, particles) in drawable(&group.strands, strand..strand + 1) {
-                    let (first, count) = (before + particles.start as u32, particles.len() as u32);
-                    self.samples.push(SampleData { base: 3 * first, first, count, grid, weight, width });
-                }
-            }
-            before += group.strands.positions.len() as u32;
-        }
-    }
-}
-
-impl BodyArrays {
-    fn new(solids: &Solids<'_>) -> Self {
-        let triangles = solids.screen.iter().map(|triangle| {
-            let [a, b, c] = triangle.corners.map(Into::into);
-            let [va, vb, vc] = solids.triangles[triangle.source as usize];
-            TriangleData { a, va, b, vb, c, vc }
-        });
-        let faces = solids.triangles.clone();
-        Self { triangles: triangles.collect(), bins: solids.bins.flat(), vertices: solids.vertices(), faces }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::curves::CurveData;
+    use super::super::meshes::{MeshVertexData, PlacementData, VertexData};
+    use super::super::shadows::{LightData, SampleData, SweepData};
     use super::super::stages::STAGES;
     use super::*;
     use std::mem::{offset_of, size_of};
@@ -423,7 +196,7 @@ mod tests {
         let frame = offsets!(FrameData: eye focal right near up exposure forward points sky lights ground
             capacity shadow_origin shadow_cell shadow_size particle_stride open_origin open_cell open_size
             open_start position_origin component_stride
-            backdrop_top vignette backdrop_bottom lit_each centre size tiles faces samples sweeps slices);
+            backdrop_top vignette backdrop_bottom lit_each centre size tiles faces samples sweeps slices vertices unused);
         has_layout("Frame", size_of::<FrameData>(), &frame);
         let curve = offsets!(CurveData: base first count start offset wave log_albedo tilt bright grey
             has_colours detail);
@@ -431,8 +204,13 @@ mod tests {
         let light = offsets!(LightData: direction texel colour heights right grid up side origin
             unused);
         has_layout("Light", size_of::<LightData>(), &light);
-        let triangle = offsets!(TriangleData: a va b vb c vc);
-        has_layout("Triangle", size_of::<TriangleData>(), &triangle);
+        let vertex = offsets!(MeshVertexData: position share normal body rest unused);
+        has_layout("MeshVertex", size_of::<MeshVertexData>(), &vertex);
+        let placed = offsets!(VertexData: position has_face normal brow_red skin brow_green rest brow_blue);
+        has_layout("Vertex", size_of::<VertexData>(), &placed);
+        let placement = offsets!(PlacementData: x_axis has_face y_axis unused_y z_axis unused_z origin
+            unused_origin skin unused_skin scalp unused_scalp brows unused_brows);
+        has_layout("Placement", size_of::<PlacementData>(), &placement);
         let sample = offsets!(SampleData: base first count grid weight width);
         has_layout("Sample", size_of::<SampleData>(), &sample);
         let sweep = offsets!(SweepData: direction cells size depths);

@@ -11,8 +11,10 @@
 //! # Practice
 //! The device and its queue come from outside: WebGPU's default limits suffice, and no feature is
 //! needed. With timestamps ([`wgpu::Features::TIMESTAMP_QUERY`]) the [`FrameReport`] has the times
-//! of the stages. The device computes shadow maps, grids of optical depth and all light. The CPU
-//! places bodies and chooses strands.
+//! of the stages. The device places and draws bodies, and computes shadow maps, grids of optical
+//! depth and all light. The renderer keeps what it uploaded: for the next picture the CPU compares
+//! meshes and attributes of strands with those of the last one, and uploads positions, poses and
+//! what is new.
 //!
 //! The list of pieces has no fixed size. [`GpuRenderer::render`] draws again with more room where
 //! pieces had none. [`GpuRenderer::render_to`] does not wait, so it cannot; a later frame has the
@@ -26,8 +28,11 @@
 //! edge; the CPU computes it at the end of each piece. Bodies always have two samples along each
 //! side of a pixel, and 2 million vertices at most under WebGPU's default limits.
 
+mod curves;
 mod error;
 mod hosted;
+mod meshes;
+mod shadows;
 mod stages;
 mod work;
 

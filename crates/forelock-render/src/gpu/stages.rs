@@ -24,6 +24,9 @@ const MOST_DEPTH: f32 = 256.0;
 const FULL_CELL: u32 = 1 << 31;
 /// What the sizes of buffers are multiples of, bytes.
 const UNIT: u64 = 16;
+/// The formats of the numbers and depths of the nearest triangles.
+const IDS: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
+const DEPTHS: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 /// The largest number of workgroups of a dispatch along an axis that is used.
 const MAX_GROUPS: u32 = 32_768;
 
@@ -31,6 +34,7 @@ const FRAME: &str = include_str!("wgsl/frame.wgsl");
 const PARTICLES: &str = include_str!("wgsl/particles.wgsl");
 const STRAND: &str = include_str!("wgsl/strand.wgsl");
 const VERTEX: &str = include_str!("wgsl/vertex.wgsl");
+const SAMPLES: &str = include_str!("wgsl/samples.wgsl");
 const DEPOSIT: &str = include_str!("wgsl/deposit.wgsl");
 const LIGHT: &str = include_str!("wgsl/light.wgsl");
 const LIGHTS: &str = include_str!("wgsl/lights.wgsl");
@@ -57,19 +61,20 @@ pub(super) enum Slot {
     Horizon,
     Report,
     Behind,
-    Nearness,
+    Ids,
     Picture,
-    Triangles,
-    Bins,
+    Meshes,
+    Placements,
     Vertices,
     Faces,
     Deposits,
     Samples,
     Sweeps,
+    Depths,
 }
 
 /// The number of slots.
-const SLOTS: usize = Sweeps as usize + 1;
+const SLOTS: usize = Depths as usize + 1;
 
 /// A stage of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,6 +87,10 @@ pub(super) struct Stage {
 /// What the threads of a stage are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Threads {
+    /// None: it is a render pass over the triangles of bodies.
+    Rasterizer,
+    /// Vertices of bodies.
+    Vertices,
     /// Triangles of bodies.
     Faces,
     /// Several for each triangle.
@@ -102,13 +111,14 @@ enum Threads {
 }
 
 use Slot::{
-    Albedos, Behind, Bins, Counts, Curves, Deposits, Faces, Frame, Grids, Heights, Horizon, Lights, List,
-    Nearness, Offsets, Owners, Picture, Points, Positions, Radiance, Report, Samples, Sweeps, Triangles,
+    Albedos, Behind, Counts, Curves, Deposits, Depths, Faces, Frame, Grids, Heights, Horizon, Ids, Lights,
+    List, Meshes, Offsets, Owners, Picture, Placements, Points, Positions, Radiance, Report, Samples, Sweeps,
     Vertices, Widths,
 };
 
 /// All stages, in the order in which they run.
-pub(super) const STAGES: [Stage; 13] = [
+pub(super) const STAGES: [Stage; 15] = [
+    Stage { name: "place", slots: &[Frame, Meshes, Placements, Vertices], threads: Threads::Vertices },
     Stage {
         name: "map_shadows",
         slots: &[Frame, Lights, Heights, Vertices, Faces],
@@ -122,9 +132,10 @@ pub(super) const STAGES: [Stage; 13] = [
     Stage { name: "deposit_bodies", slots: &[Frame, Vertices, Faces, Deposits], threads: Threads::Faces },
     Stage { name: "sweep", slots: &[Grids, Deposits, Sweeps], threads: Threads::Sweeps },
     Stage { name: "open", slots: &[Frame, Grids], threads: Threads::OpenCells },
+    Stage { name: "cover", slots: &[Frame, Vertices, Faces], threads: Threads::Rasterizer },
     Stage {
         name: "bodies",
-        slots: &[Frame, Lights, Grids, Heights, Horizon, Behind, Nearness, Triangles, Bins, Vertices],
+        slots: &[Frame, Lights, Grids, Heights, Horizon, Behind, Ids, Depths, Vertices, Faces],
         threads: Threads::Tiles,
     },
     Stage {
@@ -151,7 +162,7 @@ pub(super) const STAGES: [Stage; 13] = [
     Stage { name: "sort", slots: &[Frame, Offsets, List], threads: Threads::Tiles },
     Stage {
         name: "resolve",
-        slots: &[Frame, Curves, Owners, Points, Radiance, Offsets, List, Behind, Nearness, Picture],
+        slots: &[Frame, Curves, Owners, Points, Radiance, Offsets, List, Behind, Depths, Picture],
         threads: Threads::Tiles,
     },
 ];
@@ -166,12 +177,14 @@ impl Stage {
     /// Storage buffers that it binds.
     #[cfg(test)]
     pub fn storage_buffers(&self) -> usize {
-        self.slots.iter().filter(|slot| !matches!(slot, Frame | Behind | Nearness)).count()
+        self.slots.iter().filter(|slot| !matches!(slot, Frame | Behind | Ids | Depths)).count()
     }
 
     /// The texts of its shader.
     fn texts(&self) -> &'static [&'static str] {
         match self.name {
+            "place" => &[FRAME, VERTEX, include_str!("wgsl/place.wgsl")],
+            "cover" => &[FRAME, VERTEX, include_str!("wgsl/cover.wgsl")],
             "project" => &[FRAME, PARTICLES, STRAND, include_str!("wgsl/project.wgsl")],
             "map_shadows" => &[FRAME, LIGHT, VERTEX, include_str!("wgsl/map_shadows.wgsl")],
             "deposit_hair" => &[FRAME, PARTICLES, DEPOSIT, include_str!("wgsl/deposit_hair.wgsl")],
@@ -183,6 +196,7 @@ impl Stage {
                 LIGHT,
                 LIGHTS,
                 VERTEX,
+                SAMPLES,
                 include_str!("wgsl/face.wgsl"),
                 include_str!("wgsl/bodies.wgsl"),
             ],
@@ -196,7 +210,7 @@ impl Stage {
                 include_str!("wgsl/shade.wgsl"),
             ],
             "sort" => &[FRAME, include_str!("wgsl/sort.wgsl")],
-            "resolve" => &[FRAME, PIECES, include_str!("wgsl/resolve.wgsl")],
+            "resolve" => &[FRAME, SAMPLES, PIECES, include_str!("wgsl/resolve.wgsl")],
             _ => &[FRAME, PIECES, include_str!("wgsl/bins.wgsl")],
         }
     }
@@ -204,7 +218,9 @@ impl Stage {
     /// The workgroups for a frame.
     pub fn workgroups(&self, frame: &FrameData) -> [u32; 2] {
         let threads = match self.threads {
+            Threads::Rasterizer => return [0, 0],
             Threads::Once => 1,
+            Threads::Vertices => frame.vertices,
             Threads::Tiles => return frame.tiles,
             Threads::Sweeps => return [frame.sweeps, 1],
             Threads::Faces => frame.faces,
@@ -274,14 +290,67 @@ fn module(device: &wgpu::Device, label: &str, texts: &[&str]) -> wgpu::ShaderMod
     })
 }
 
-/// The pipeline of `stage`.
-pub(super) fn pipeline(device: &wgpu::Device, stage: &Stage) -> wgpu::ComputePipeline {
-    device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(stage.name),
+/// A stage on a device.
+#[derive(Debug)]
+pub(super) enum Pipeline {
+    Compute(wgpu::ComputePipeline),
+    /// Draws the triangles of bodies into [`Slot::Ids`] and [`Slot::Depths`].
+    Render(wgpu::RenderPipeline),
+}
+
+impl Pipeline {
+    /// The pipeline of `stage`.
+    pub fn new(device: &wgpu::Device, stage: &Stage) -> Self {
+        let module = &module(device, stage.name, stage.texts());
+        if stage.threads == Threads::Rasterizer {
+            return Self::Render(rasterizing(device, module, stage.name));
+        }
+        Self::Compute(device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(stage.name),
+            layout: None,
+            module,
+            entry_point: Some(stage.name),
+            compilation_options: Default::default(),
+            cache: None,
+        }))
+    }
+
+    fn layout(&self) -> wgpu::BindGroupLayout {
+        match self {
+            Self::Compute(own) => own.get_bind_group_layout(0),
+            Self::Render(own) => own.get_bind_group_layout(0),
+        }
+    }
+}
+
+/// The pipeline that draws triangles: nearer ones have larger depths, and of equal ones the first
+/// is seen.
+fn rasterizing(device: &wgpu::Device, module: &wgpu::ShaderModule, name: &str) -> wgpu::RenderPipeline {
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(name),
         layout: None,
-        module: &module(device, stage.name, stage.texts()),
-        entry_point: Some(stage.name),
-        compilation_options: Default::default(),
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some("corner"),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: Default::default(),
+        depth_stencil: Some(wgpu::DepthStencilState {
+            format: DEPTHS,
+            depth_write_enabled: Some(true),
+            depth_compare: Some(wgpu::CompareFunction::Greater),
+            stencil: Default::default(),
+            bias: Default::default(),
+        }),
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some(name),
+            compilation_options: Default::default(),
+            targets: &[Some(IDS.into())],
+        }),
+        multiview_mask: None,
         cache: None,
     })
 }
@@ -317,8 +386,8 @@ pub(super) fn presenting(device: &wgpu::Device, format: wgpu::TextureFormat) -> 
 #[derive(Debug, Default)]
 pub(super) struct Memory {
     buffers: [Option<wgpu::Buffer>; SLOTS],
-    behind: Option<wgpu::Texture>,
-    nearness: Option<wgpu::Texture>,
+    /// Those of [`Behind`], [`Ids`] and [`Depths`].
+    textures: Option<[wgpu::Texture; 3]>,
 }
 
 impl Memory {
@@ -348,8 +417,11 @@ impl Memory {
 
     /// Bytes of all buffers and textures.
     pub fn bytes(&self) -> u64 {
-        let texels = |texture: &wgpu::Texture| u64::from(texture.width()) * u64::from(texture.height()) * 16;
-        let textures: u64 = [&self.behind, &self.nearness].into_iter().flatten().map(texels).sum();
+        let texels = |texture: &wgpu::Texture| u64::from(texture.width()) * u64::from(texture.height());
+        let bytes = |texture: &wgpu::Texture| {
+            texels(texture) * u64::from(texture.format().block_copy_size(None).unwrap_or(4))
+        };
+        let textures: u64 = self.textures.iter().flatten().map(bytes).sum();
         textures + self.buffers.iter().flatten().map(wgpu::Buffer::size).sum::<u64>()
     }
 
@@ -361,29 +433,40 @@ impl Memory {
 
     /// Makes the textures of a picture of `size` pixels.
     pub fn size_textures(&mut self, device: &wgpu::Device, [width, height]: [u32; 2]) {
-        let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-        let make = |label| {
+        let fits = |[behind, ..]: &[wgpu::Texture; 3]| [behind.width(), behind.height()] == [width, height];
+        if self.textures.as_ref().is_some_and(fits) {
+            return;
+        }
+        let make = |label, side: u32, format, usage| {
             device.create_texture(&wgpu::TextureDescriptor {
                 label: Some(label),
-                size,
+                size: wgpu::Extent3d { width: side * width, height: side * height, depth_or_array_layers: 1 },
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D2,
-                format: wgpu::TextureFormat::Rgba32Float,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
+                format,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING | usage,
                 view_formats: &[],
             })
         };
-        let fits = |texture: &Option<wgpu::Texture>| texture.as_ref().is_some_and(|own| own.size() == size);
-        if !fits(&self.behind) {
-            (self.behind, self.nearness) = (Some(make("behind")), Some(make("nearness")));
-        }
+        let [stored, drawn] = [wgpu::TextureUsages::STORAGE_BINDING, wgpu::TextureUsages::RENDER_ATTACHMENT];
+        self.textures = Some([
+            make("behind", 1, wgpu::TextureFormat::Rgba32Float, stored),
+            make("nearest triangles", 2, IDS, drawn),
+            make("depths", 2, DEPTHS, drawn),
+        ]);
     }
 
     /// The texture of `slot`.
-    fn texture(&self, slot: Slot) -> Result<&wgpu::Texture, GpuRenderError> {
-        let own = if slot == Behind { &self.behind } else { &self.nearness };
-        own.as_ref().ok_or_else(|| GpuRenderError::Failed("there is no texture for the bodies".to_owned()))
+    fn texture(&self, slot: Slot) -> Result<wgpu::TextureView, GpuRenderError> {
+        let missing = || GpuRenderError::Failed("there is no texture for the bodies".to_owned());
+        let [behind, ids, depths] = self.textures.as_ref().ok_or_else(missing)?;
+        let own = match slot {
+            Ids => ids,
+            Depths => depths,
+            _ => behind,
+        };
+        Ok(own.create_view(&Default::default()))
     }
 
     /// The bind group of `stage`.
@@ -393,15 +476,12 @@ impl Memory {
         layout: &wgpu::BindGroupLayout,
         slots: &[Slot],
     ) -> Result<wgpu::BindGroup, GpuRenderError> {
-        let views = [Behind, Nearness].map(|slot| {
-            self.texture(slot).map(|texture| texture.create_view(&wgpu::TextureViewDescriptor::default()))
-        });
-        let [behind, nearness] = views;
-        let (behind, nearness) = (behind?, nearness?);
+        let [behind, ids, depths] = [self.texture(Behind)?, self.texture(Ids)?, self.texture(Depths)?];
         let entry = |&slot: &Slot| {
             let resource = match slot {
                 Behind => wgpu::BindingResource::TextureView(&behind),
-                Nearness => wgpu::BindingResource::TextureView(&nearness),
+                Ids => wgpu::BindingResource::TextureView(&ids),
+                Depths => wgpu::BindingResource::TextureView(&depths),
                 _ => self.buffer(slot)?.as_entire_binding(),
             };
             Ok(wgpu::BindGroupEntry { binding: slot as u32, resource })
@@ -410,14 +490,68 @@ impl Memory {
         Ok(device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries }))
     }
 
-    /// The bind group of `stage` for its pipeline.
-    pub fn bind_stage(
+    /// Adds `stage` to `encoder`, its times to `set` from number `first` on.
+    pub fn encode(
         &self,
         device: &wgpu::Device,
-        pipeline: &wgpu::ComputePipeline,
+        encoder: &mut wgpu::CommandEncoder,
         stage: &Stage,
-    ) -> Result<wgpu::BindGroup, GpuRenderError> {
-        self.bind(device, &pipeline.get_bind_group_layout(0), stage.slots)
+        pipeline: &Pipeline,
+        frame: &FrameData,
+        times: Option<(&wgpu::QuerySet, u32)>,
+    ) -> Result<(), GpuRenderError> {
+        let bound = self.bind(device, &pipeline.layout(), stage.slots)?;
+        match pipeline {
+            Pipeline::Compute(pipeline) => {
+                let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                    label: Some(stage.name),
+                    timestamp_writes: times.map(|(query_set, first)| wgpu::ComputePassTimestampWrites {
+                        query_set,
+                        beginning_of_pass_write_index: Some(first),
+                        end_of_pass_write_index: Some(first + 1),
+                    }),
+                });
+                let [x, y] = stage.workgroups(frame);
+                pass.set_pipeline(pipeline);
+                pass.set_bind_group(0, &bound, &[]);
+                if x > 0 && y > 0 {
+                    pass.dispatch_workgroups(x, y, 1);
+                }
+            }
+            Pipeline::Render(pipeline) => {
+                let [ids, depths] = [self.texture(Ids)?, self.texture(Depths)?];
+                let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                    label: Some(stage.name),
+                    color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                        view: &ids,
+                        depth_slice: None,
+                        resolve_target: None,
+                        ops: wgpu::Operations {
+                            load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                            store: wgpu::StoreOp::Store,
+                        },
+                    })],
+                    depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                        view: &depths,
+                        depth_ops: Some(wgpu::Operations {
+                            load: wgpu::LoadOp::Clear(0.0),
+                            store: wgpu::StoreOp::Store,
+                        }),
+                        stencil_ops: None,
+                    }),
+                    timestamp_writes: times.map(|(query_set, first)| wgpu::RenderPassTimestampWrites {
+                        query_set,
+                        beginning_of_pass_write_index: Some(first),
+                        end_of_pass_write_index: Some(first + 1),
+                    }),
+                    ..Default::default()
+                });
+                pass.set_pipeline(pipeline);
+                pass.set_bind_group(0, &bound, &[]);
+                pass.draw(0..3 * frame.faces, 0..1);
+            }
+        }
+        Ok(())
     }
 }
 
@@ -445,7 +579,7 @@ fn described(slot: Slot) -> &'static str {
         Report => "counts",
         Deposits | Sweeps => "grids of optical depth",
         Samples => "strands of the grids",
-        Behind | Nearness | Triangles | Bins | Vertices | Faces => "bodies",
+        Behind | Ids | Depths | Meshes | Placements | Vertices | Faces => "bodies",
         Picture => "pixels",
     }
 }

@@ -4,10 +4,12 @@ use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::Duration;
 
 use super::GpuRenderError;
-use super::hosted::{FrameData, Hosted};
-use super::stages::{Memory, PIECES_EACH, STAGES, Slot, most_bound, pipeline, presenting};
+use super::curves;
+use super::hosted::{FrameData, Hosted, News};
+use super::meshes::VertexData;
+use super::stages::{Memory, PIECES_EACH, Pipeline, STAGES, Slot, most_bound, presenting};
 use crate::image::Image;
-use crate::scene::{Scene, Settings};
+use crate::scene::{Scene, Settings, Strands};
 
 /// How long to wait for a callback that another thread may be running.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -28,7 +30,7 @@ pub struct FrameReport {
     pub pieces: u32,
     /// Pieces that had no room in the list and were left out.
     pub dropped: u32,
-    /// Milliseconds that the CPU took to place bodies, choose strands and upload.
+    /// Milliseconds that the CPU took to choose strands and to upload what is new.
     pub prepare_ms: f64,
     /// Bytes that were uploaded.
     pub uploaded_bytes: u64,
@@ -65,14 +67,6 @@ impl Clock {
             ms_per_tick: f64::from(queue.get_timestamp_period()) * 1e-6,
         })
     }
-
-    fn writes(&self, stage: usize) -> wgpu::ComputePassTimestampWrites<'_> {
-        wgpu::ComputePassTimestampWrites {
-            query_set: &self.set,
-            beginning_of_pass_write_index: Some(2 * stage as u32),
-            end_of_pass_write_index: Some(2 * stage as u32 + 1),
-        }
-    }
 }
 
 /// Results on their way to the CPU.
@@ -103,7 +97,8 @@ fn failed(error: impl std::fmt::Display) -> GpuRenderError {
 pub struct GpuRenderer {
     device: wgpu::Device,
     queue: wgpu::Queue,
-    pipelines: Vec<wgpu::ComputePipeline>,
+    pipelines: Vec<Pipeline>,
+    hosted: Hosted,
     /// The pipeline that copies the picture, and the format of its target.
     presenting: Option<(wgpu::TextureFormat, wgpu::RenderPipeline)>,
     memory: Memory,
@@ -128,7 +123,8 @@ impl GpuRenderer {
         Self {
             device: device.clone(),
             queue: queue.clone(),
-            pipelines: STAGES.iter().map(|stage| pipeline(device, stage)).collect(),
+            pipelines: STAGES.iter().map(|stage| Pipeline::new(device, stage)).collect(),
+            hosted: Hosted::default(),
             presenting: None,
             memory: Memory::default(),
             clock: Clock::new(device, queue),
@@ -253,17 +249,26 @@ impl GpuRenderer {
         self.limit.map_or(room, |limit| limit.min(room))
     }
 
-    /// Computes on the CPU what the device needs, and uploads it.
+    /// Computes on the CPU what the device needs, and uploads what of it is new.
     fn prepare(&mut self, scene: &Scene<'_>, settings: &Settings) -> Result<FrameData, GpuRenderError> {
         let started = std::time::Instant::now();
         (self.frame, self.uploaded_bytes) = (None, 0);
-        let frame = self.upload(&Hosted::new(scene, settings)?)?;
+        // After an error nothing is known of what the device has.
+        let mut hosted = std::mem::take(&mut self.hosted);
+        let news = hosted.update(scene, settings)?;
+        let frame = self.upload(scene, &hosted, news)?;
+        self.hosted = hosted;
         self.frame = Some(frame);
         self.prepare_ms = started.elapsed().as_secs_f64() * 1e3;
         Ok(frame)
     }
 
-    fn upload(&mut self, hosted: &Hosted) -> Result<FrameData, GpuRenderError> {
+    fn upload(
+        &mut self,
+        scene: &Scene<'_>,
+        hosted: &Hosted,
+        news: News,
+    ) -> Result<FrameData, GpuRenderError> {
         let Hosted { frame, hair, light, bodies } = hosted;
         let mut frame = *frame;
         if frame.points > u32::MAX / PIECES_EACH {
@@ -278,23 +283,26 @@ impl GpuRenderer {
         self.capacity = self.capacity.max(guess).min(self.most_items());
         frame.capacity = self.capacity;
         self.write(Slot::Frame, bytemuck::bytes_of(&frame))?;
-        self.write(Slot::Positions, bytemuck::cast_slice(&hair.positions))?;
-        self.write(Slot::Curves, bytemuck::cast_slice(&hair.curves))?;
-        self.write(Slot::Owners, bytemuck::cast_slice(&hair.owners))?;
-        self.write(Slot::Widths, bytemuck::cast_slice(&hair.widths))?;
-        self.write(Slot::Albedos, bytemuck::cast_slice(&hair.albedos))?;
+        self.write_positions(scene)?;
+        let is_new = news.hair == curves::News::All;
+        self.write_new(is_new, Slot::Owners, bytemuck::cast_slice(&hair.owners))?;
+        self.write_new(is_new, Slot::Widths, bytemuck::cast_slice(&hair.widths))?;
+        self.write_new(is_new, Slot::Albedos, bytemuck::cast_slice(&hair.albedos))?;
+        let is_new = news.hair != curves::News::Nothing;
+        self.write_new(is_new, Slot::Curves, bytemuck::cast_slice(&hair.curves))?;
         self.write(Slot::Lights, bytemuck::cast_slice(&light.lights))?;
         self.write(Slot::Samples, bytemuck::cast_slice(&light.samples))?;
         self.write(Slot::Sweeps, bytemuck::cast_slice(&light.sweeps))?;
-        self.write(Slot::Faces, bytemuck::cast_slice(&bodies.faces))?;
-        self.write(Slot::Triangles, bytemuck::cast_slice(&bodies.triangles))?;
-        self.write(Slot::Bins, bytemuck::cast_slice(&bodies.bins))?;
-        self.write(Slot::Vertices, bytemuck::cast_slice(&bodies.vertices))?;
+        self.write_new(news.bodies.faces, Slot::Faces, bytemuck::cast_slice(&bodies.faces))?;
+        self.write_new(news.bodies.vertices, Slot::Meshes, bytemuck::cast_slice(&bodies.vertices))?;
+        self.write(Slot::Placements, bytemuck::cast_slice(&bodies.placements))?;
         let tiles = u64::from(frame.tiles[0]) * u64::from(frame.tiles[1]);
         let pixels = u64::from(frame.size[0]) * u64::from(frame.size[1]);
         let points = u64::from(frame.points);
         let [heights, grids, deposits] = light.room.map(|numbers| 4 * numbers as u64);
+        let vertices = u64::from(frame.vertices) * size_of::<VertexData>() as u64;
         let room = [
+            (Slot::Vertices, vertices),
             (Slot::Heights, heights),
             (Slot::Grids, grids),
             (Slot::Deposits, deposits),
@@ -314,6 +322,25 @@ impl GpuRenderer {
         Ok(frame)
     }
 
+    /// Writes the positions of all groups, one after the other.
+    fn write_positions(&mut self, scene: &Scene<'_>) -> Result<(), GpuRenderError> {
+        let bytes = |strands: &Strands<'_>| size_of_val(strands.positions) as u64;
+        self.memory.reserve(&self.device, Slot::Positions, scene.strands.iter().map(bytes).sum())?;
+        let buffer = self.memory.buffer(Slot::Positions)?;
+        let mut at = 0;
+        for strands in &scene.strands {
+            self.queue.write_buffer(buffer, at, bytemuck::cast_slice(strands.positions));
+            at += bytes(strands);
+        }
+        self.uploaded_bytes += at;
+        Ok(())
+    }
+
+    /// Writes `bytes` if they are new, or the first.
+    fn write_new(&mut self, is_new: bool, slot: Slot, bytes: &[u8]) -> Result<(), GpuRenderError> {
+        if is_new || self.memory.buffer(slot).is_err() { self.write(slot, bytes) } else { Ok(()) }
+    }
+
     fn write(&mut self, slot: Slot, bytes: &[u8]) -> Result<(), GpuRenderError> {
         self.memory.reserve(&self.device, slot, bytes.len() as u64)?;
         self.queue.write_buffer(self.memory.buffer(slot)?, 0, bytes);
@@ -326,17 +353,8 @@ impl GpuRenderer {
             encoder.clear_buffer(self.memory.buffer(slot)?, 0, None);
         }
         for (index, (stage, pipeline)) in STAGES.iter().zip(&self.pipelines).enumerate() {
-            let bound = self.memory.bind_stage(&self.device, pipeline, stage)?;
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                label: Some(stage.name),
-                timestamp_writes: self.clock.as_ref().map(|clock| clock.writes(index)),
-            });
-            let [x, y] = stage.workgroups(frame);
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, &bound, &[]);
-            if x > 0 && y > 0 {
-                pass.dispatch_workgroups(x, y, 1);
-            }
+            let times = self.clock.as_ref().map(|clock| (&clock.set, 2 * index as u32));
+            self.memory.encode(&self.device, encoder, stage, pipeline, frame, times)?;
         }
         Ok(())
     }

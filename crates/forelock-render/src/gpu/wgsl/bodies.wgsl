@@ -5,21 +5,10 @@
 // For each tile, the inverse depth behind which bodies hide everything.
 @group(0) @binding(14) var<storage, read_write> horizon: array<f32>;
 @group(0) @binding(16) var behind: texture_storage_2d<rgba32float, write>;
-@group(0) @binding(17) var nearness: texture_storage_2d<rgba32float, write>;
-@group(0) @binding(19) var<storage, read> triangles: array<Triangle>;
-// For each tile the first of its triangles in the same array, and one number more.
-@group(0) @binding(20) var<storage, read> bins: array<u32>;
+// The number of the nearest triangle at each sample and 1, 0 for none.
+@group(0) @binding(17) var ids: texture_2d<u32>;
 @group(0) @binding(21) var<storage, read> vertices: array<Vertex>;
-
-// A triangle on the screen: pixels and inverse depth of each corner, and its vertices.
-struct Triangle {
-    a: vec3f,
-    va: u32,
-    b: vec3f,
-    vb: u32,
-    c: vec3f,
-    vc: u32,
-}
+@group(0) @binding(22) var<storage, read> faces: array<u32>;
 
 struct Surface {
     position: vec3f,
@@ -29,21 +18,17 @@ struct Surface {
 
 var<workgroup> lowest: atomic<u32>;
 
-fn cross_of(a: vec2f, b: vec2f) -> f32 {
-    return a.x * b.y - a.y * b.x;
-}
-
 // `x` clamped to 0–1; 0 for what is no number.
 fn unit(x: f32) -> f32 {
     return select(0.0, min(x, 1.0), x > 0.0);
 }
 
-fn surface_at(triangle: Triangle, pixel: vec2f, near: f32) -> Surface {
+fn surface_at(face: u32, pixel: vec2f, near: f32) -> Surface {
     let slope = vec2f(pixel.x - frame.centre.x, frame.centre.y - pixel.y) / frame.focal;
     let seen = frame.eye + (frame.forward + frame.right * slope.x + frame.up * slope.y) / near;
-    let a = vertices[triangle.va];
-    let b = vertices[triangle.vb];
-    let c = vertices[triangle.vc];
+    let a = vertices[faces[3u * face]];
+    let b = vertices[faces[3u * face + 1u]];
+    let c = vertices[faces[3u * face + 2u]];
     let flat = cross(b.position - a.position, c.position - a.position);
     let twice = max(dot(flat, flat), 1.2e-38);
     let u = unit(dot(cross(c.position - b.position, seen - b.position), flat) / twice);
@@ -112,16 +97,15 @@ fn backdrop_at(pixel: vec2f) -> vec3f {
     return colour * (1.0 - frame.vignette * dot(offset, offset) * 2.0);
 }
 
-// The mean light of four samples at `centre`, of which `found` tells triangles and inverse depths.
-fn light_behind(centre: vec2f, found: vec4u, depths: vec4f) -> vec3f {
+// The mean light of four samples at `centre`: numbers of their triangles and 1, and inverse depths.
+fn light_behind(centre: vec2f, found: vec4u, nearness: vec4f) -> vec3f {
     var sum = vec3f(0.0);
     for (var i = 0u; i < 4u; i += 1u) {
-        if found[i] == NONE {
+        if found[i] == 0u {
             sum += backdrop_at(centre) * 0.25;
             continue;
         }
-        // Each triangle is lit once, at the mean place of its samples, and one that the near plane
-        // cuts, once for each of its parts.
+        // Each triangle is lit once, at the mean place of its samples.
         var at = vec2f(0.0);
         var near = 0.0;
         var count = 0.0;
@@ -130,13 +114,13 @@ fn light_behind(centre: vec2f, found: vec4u, depths: vec4f) -> vec3f {
             if found[j] == found[i] {
                 is_first = is_first && j >= i;
                 at += vec2f(f32(j & 1u), f32(j >> 1u));
-                near += depths[j];
+                near += nearness[j];
                 count += 1.0;
             }
         }
         if is_first {
             let place = centre + (at / count + 0.5) * 0.5 - 0.5;
-            sum += of_body(surface_at(triangles[found[i]], place, near / count)) * (0.25 * count);
+            sum += of_body(surface_at(found[i] - 1u, place, near / count)) * (0.25 * count);
         }
     }
     return sum;
@@ -156,35 +140,13 @@ fn bodies(
     }
     workgroupBarrier();
     if inside {
-        let bin = group.y * frame.tiles.x + group.x;
-        var found = vec4u(NONE);
-        var depths = vec4f(0.0);
-        for (var k = bins[bin]; k < bins[bin + 1u]; k += 1u) {
-            let triangle = triangles[bins[k]];
-            let a = triangle.a.xy - centre;
-            let b = triangle.b.xy - centre;
-            let c = triangle.c.xy - centre;
-            let lo = min(a, min(b, c));
-            let hi = max(a, max(b, c));
-            let area = cross_of(b - a, c - a);
-            if any(lo > vec2f(0.25)) || any(hi < vec2f(-0.25)) || area == 0.0 || abs(area) > 1e30 {
-                continue;
-            }
-            for (var i = 0u; i < 4u; i += 1u) {
-                let p = vec2f(f32(i & 1u), f32(i >> 1u)) * 0.5 - 0.25;
-                let u = cross_of(b - p, c - p) / area;
-                let v = cross_of(c - p, a - p) / area;
-                let w = 1.0 - u - v;
-                let near = u * triangle.a.z + v * triangle.b.z + w * triangle.c.z;
-                if min(u, min(v, w)) >= 0.0 && near > depths[i] {
-                    depths[i] = near;
-                    found[i] = bins[k];
-                }
-            }
+        var found = vec4u(0u);
+        for (var i = 0u; i < 4u; i += 1u) {
+            found[i] = textureLoad(ids, 2u * pixel + vec2u(i & 1u, i >> 1u), 0).x;
         }
-        textureStore(behind, pixel, vec4f(light_behind(centre, found, depths), 1.0));
-        textureStore(nearness, pixel, depths);
-        let least = min(min(depths.x, depths.y), min(depths.z, depths.w));
+        let near = nearness_at(pixel);
+        textureStore(behind, pixel, vec4f(light_behind(centre, found, near), 1.0));
+        let least = min(min(near.x, near.y), min(near.z, near.w));
         // Inverse depths are not negative, so their bits have the same order.
         atomicMin(&lowest, bitcast<u32>(least));
     }

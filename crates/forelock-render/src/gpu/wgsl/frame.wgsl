@@ -50,6 +50,9 @@ struct Frame {
     sweeps: u32,
     // Threads that draw a triangle into the shadow maps.
     slices: u32,
+    // Of bodies.
+    vertices: u32,
+    unused: u32,
 }
 
 // A strand or one of its children.

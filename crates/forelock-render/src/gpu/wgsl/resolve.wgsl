@@ -3,9 +3,8 @@
 @group(0) @binding(10) var<storage, read> radiance: array<vec2u>;
 @group(0) @binding(12) var<storage, read> offsets: array<u32>;
 @group(0) @binding(13) var<storage, read> list: array<vec2u>;
-// Bodies over the backdrop: linear light, and the inverse depths of four samples, 0 for none.
+// Bodies over the backdrop: linear light.
 @group(0) @binding(16) var behind: texture_2d<f32>;
-@group(0) @binding(17) var nearness: texture_2d<f32>;
 @group(0) @binding(18) var<storage, read_write> picture: array<u32>;
 
 // A piece as a strip of pixels, relative to the centre of the tile's first pixel.
@@ -131,7 +130,7 @@ fn resolve(
     let inside = all(pixel < frame.size);
     var bodies = vec4f(0.0);
     if inside {
-        bodies = textureLoad(nearness, pixel, 0);
+        bodies = nearness_at(pixel);
     }
     let nearest = max(max(bodies.x, bodies.y), max(bodies.z, bodies.w));
     var gathered = vec3f(0.0);

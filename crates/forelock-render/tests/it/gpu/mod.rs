@@ -2,6 +2,7 @@
 
 mod agreement;
 mod coverage;
+mod kept;
 mod lists;
 mod target;
 
