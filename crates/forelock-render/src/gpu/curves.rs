@@ -38,8 +38,8 @@ pub(super) struct HairArrays {
     pub albedos: Vec<[f32; 4]>,
     /// What was made by chance for each curve, before the factors of its group.
     draws: Vec<Draw>,
-    /// What all this was made of; nothing if it may not be used again.
-    sources: Vec<Source>,
+    /// What all this was made of, if it may be used again.
+    sources: Option<Vec<Source>>,
     /// Factors of the groups: on widths, on the offsets of children, and the share that is drawn.
     factors: Vec<[f32; 3]>,
 }
@@ -68,6 +68,7 @@ const MOST_SPARE: f32 = 1.35;
 /// What the arrays of a group are made of.
 #[derive(Debug)]
 struct Source {
+    particles: usize,
     offsets: Vec<u32>,
     widths: Option<Vec<f32>>,
     colours: Option<Vec<[f32; 3]>>,
@@ -79,6 +80,7 @@ struct Source {
 impl Source {
     fn of(group: &Group<'_>, seed: u32) -> Self {
         Self {
+            particles: group.strands.positions.len(),
             offsets: group.strands.strand_offsets.to_vec(),
             widths: group.strands.widths.map(<[_]>::to_vec),
             colours: group.strands.colours.map(<[_]>::to_vec),
@@ -91,6 +93,7 @@ impl Source {
         let kept = group.share..=group.share * MOST_SPARE;
         (kept.contains(&self.past) || self.past.is_infinite() && group.share * MOST_SPARE >= 1.0)
             && self.rest == Self::rest(group, seed)
+            && self.particles == group.strands.positions.len()
             && self.offsets == group.strands.strand_offsets
             && self.widths.as_deref() == group.strands.widths
             && self.colours.as_deref() == group.strands.colours
@@ -112,12 +115,14 @@ impl HairArrays {
         // Which strands can be drawn depends on their positions.
         let is_sound = groups.iter().all(|group| group.is_sound);
         let are_known = is_sound
-            && self.sources.len() == groups.len()
-            && self.sources.iter().zip(groups).all(|(source, group)| source.is_of(group, seed));
+            && self.sources.as_ref().is_some_and(|sources| {
+                sources.len() == groups.len()
+                    && sources.iter().zip(groups).all(|(source, group)| source.is_of(group, seed))
+            });
         if !are_known {
             *self = Self::default();
             self.append_all(groups, seed);
-            self.sources.extend(groups.iter().filter(|_| is_sound).map(|group| Source::of(group, seed)));
+            self.sources = is_sound.then(|| groups.iter().map(|group| Source::of(group, seed)).collect());
         }
         let factors: Vec<_> =
             groups.iter().map(|group| [group.width_scale, group.radius, group.share]).collect();

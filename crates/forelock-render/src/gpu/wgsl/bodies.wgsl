@@ -1,5 +1,5 @@
 // What is behind the hair, one thread a pixel: bodies over the backdrop, by four samples. The twin
-// of `Tile::draw_solids`, `Solids::surface_point` and `Lighting::of_body`.
+// of `Solids::surface_point` and `Lighting::of_body`.
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 // For each tile, the inverse depth behind which bodies hide everything.

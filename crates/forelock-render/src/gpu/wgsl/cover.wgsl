@@ -1,5 +1,5 @@
 // Which triangle of bodies is nearest at each of the four samples of a pixel: a render pass with
-// two texels along each side of a pixel.
+// two texels along each side of a pixel. The twin of `Tile::draw_triangle`.
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(21) var<storage, read> vertices: array<Vertex>;
@@ -10,7 +10,7 @@ struct Corner {
     @location(0) @interpolate(flat) face: u32,
 }
 
-// Also false for what is no number.
+// Whether all corners are finite and not too far away.
 fn is_usable(face: u32) -> bool {
     let a = abs(vertices[faces[3u * face]].position);
     let b = abs(vertices[faces[3u * face + 1u]].position);
@@ -22,7 +22,7 @@ fn is_usable(face: u32) -> bool {
 fn corner(@builtin(vertex_index) index: u32) -> Corner {
     let face = index / 3u;
     if !is_usable(face) {
-        // Before the near plane.
+        // Outside the clip volume, so that nothing is drawn.
         return Corner(vec4f(0.0, 0.0, -1.0, 1.0), face);
     }
     let offset = vertices[faces[index]].position - frame.eye;

@@ -19,8 +19,8 @@ fn project(
     let s = f32(i) / f32(curve.count - 1u);
     let offset = particle(curve, i) + offset_at(curve, s) - frame.eye;
     let depth = dot(offset, frame.forward);
-    // A comparison with a number that is not finite is false.
-    let usable = depth > frame.near && all(abs(offset) < vec3f(1e18));
+    // A comparison with a number that is not finite is false. Spare curves have no width.
+    let usable = depth > frame.near && all(abs(offset) < vec3f(1e18)) && curve.detail > 0.0;
     if !usable {
         points[point] = vec4f(0.0);
         return;

@@ -120,3 +120,47 @@ fn a_refused_scene_leaves_no_trace() {
     assert!(error.contains("triangle"), "{error}");
     assert!(renderer.render(&scene, &settings).unwrap() == whole);
 }
+
+/// Hair that could not all be drawn, and then none; particles that belong to no strand.
+#[test]
+#[cfg_attr(not(gpu), ignore = "needs a GPU")]
+fn hair_can_vanish_and_particles_can_be_loose() {
+    let (points, offsets) = mane(60, 0.1);
+    let mut broken = points.clone();
+    broken[37] = Vec3::NAN;
+    let camera = Camera::framing((Vec3::splat(-0.2), Vec3::splat(0.2)), 0.3, 0.2);
+    let strands = Strands::new(&points, &offsets, HairColour::BLONDE);
+    let settings = Settings { width: 80, height: 70, ..Settings::default() };
+    let mut both = Both { keeps: renderer(), forgets: renderer(), before: None };
+    let of = |strands| Scene::new(Vec::new(), strands, camera);
+    both.agree("a broken strand", &of(vec![Strands { positions: &broken, ..strands }]), &settings);
+    both.agree("no hair", &of(Vec::new()), &settings);
+    let loose = |count: usize| Strands { positions: &points[..count], strand_offsets: &[], ..strands };
+    both.agree("hair after loose particles", &of(vec![loose(30), strands]), &settings);
+    // More of them change no picture.
+    let more = of(vec![loose(80), strands]);
+    let picture = both.keeps.render(&more, &settings).unwrap();
+    assert!(Some(picture) == both.before);
+}
+
+/// Spare curves, which the level of detail hides, take no room from others.
+#[test]
+#[cfg_attr(not(gpu), ignore = "needs a GPU")]
+fn hidden_curves_have_no_pieces() {
+    let (points, offsets) = mane(1300, 0.1);
+    let strands = Strands::new(&points, &offsets, HairColour::BLONDE);
+    let scene = |side: f32| {
+        let camera = Camera::framing((Vec3::splat(-side), Vec3::splat(side)), 0.3, 0.2);
+        Scene::new(Vec::new(), vec![strands], camera)
+    };
+    let settings =
+        Settings { width: 90, height: 80, children: Some(4), width_scale: Some(1.0), ..Settings::default() };
+    let pieces = |keeps: &mut GpuRenderer, thinnest: f32| {
+        keeps.render(&scene(0.2), &Settings { thinnest, ..settings }).unwrap();
+        keeps.report().pieces
+    };
+    let mut fresh = renderer();
+    let [all, fewer] = [pieces(&mut fresh, 0.0), pieces(&mut fresh, 4.0)];
+    // 2,000 of 5,200 curves are left.
+    assert!(fewer * 5 < all * 2 + all / 20, "{fewer} of {all}");
+}
