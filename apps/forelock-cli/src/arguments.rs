@@ -293,6 +293,9 @@ pub struct ViewArgs {
     /// The processor that runs the simulation.
     #[arg(long, value_enum, default_value_t = Backend::Cpu)]
     pub backend: Backend,
+    /// The processor that draws the hair; with `auto` a graphics card, or the CPU.
+    #[arg(long, value_enum, default_value_t = Backend::Auto)]
+    pub draw: Backend,
     /// Play, write a picture of the window to this file after `--after` seconds, and close it.
     #[arg(long, value_name = "FILE")]
     pub screenshot: Option<PathBuf>,

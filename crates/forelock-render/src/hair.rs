@@ -38,7 +38,7 @@ use crate::camera::View;
 use crate::colour::luminance;
 use crate::drawable::{drawable, extent, strand_count};
 use crate::random;
-use crate::scene::{Scene, Settings, Strands};
+use crate::scene::{Scene, Settings, Strands, bounds_of};
 use crate::tiles::{Bins, TILE, TileGrid};
 
 /// Hairs per square metre of scalp.
@@ -125,8 +125,8 @@ pub(crate) struct Hair<'a> {
 #[derive(Clone, Copy)]
 pub(crate) struct Group<'a> {
     pub strands: Strands<'a>,
-    /// Whether all strands can be drawn.
-    pub is_sound: bool,
+    /// Whether all particles are finite.
+    pub is_finite: bool,
     /// The smallest box around the strands that can be drawn: (min, max).
     pub bounds: (Vec3, Vec3),
     pub children: u32,
@@ -195,12 +195,9 @@ impl<'a> Group<'a> {
 
     fn new(strands: Strands<'a>, total: usize, settings: &Settings) -> Self {
         let count = strand_count(&strands).max(1);
-        let (is_sound, bounds) = extent(&strands);
-        let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        for (_, particles) in drawable(&strands, is_sound, 0..strand_count(&strands)) {
-            let root = strands.positions[particles.start];
-            (lo, hi) = (lo.min(root), hi.max(root));
-        }
+        let (is_finite, bounds) = extent(&strands);
+        let drawn = drawable(&strands, is_finite, 0..strand_count(&strands));
+        let (lo, hi) = bounds_of(drawn.map(|(_, particles)| strands.positions[particles.start]));
         let side = (hi - lo).max(Vec3::ZERO);
         let area = side.x * side.y + side.y * side.z + side.z * side.x;
         let aim = DRAWN_PER_PIXEL * settings.width.min(settings.height) as usize;
@@ -212,7 +209,7 @@ impl<'a> Group<'a> {
         let log_albedos = strands.colour.albedos().map(|albedo| albedo.map(f32::ln));
         Self {
             strands,
-            is_sound,
+            is_finite,
             bounds,
             children,
             width_scale,
@@ -228,7 +225,7 @@ impl<'a> Group<'a> {
         &self,
         range: std::ops::Range<usize>,
     ) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> + Clone + use<'a> {
-        drawable(&self.strands, self.is_sound, range)
+        drawable(&self.strands, self.is_finite, range)
     }
 
     /// Diameter drawn at particle coordinate `at` (particle index plus fraction), `s` from root 0

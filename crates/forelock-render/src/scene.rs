@@ -171,6 +171,11 @@ impl<'a> Strands<'a> {
     }
 }
 
+/// The smallest box around `points`: (min, max). It is empty (min > max) if there is none.
+pub(crate) fn bounds_of(points: impl Iterator<Item = Vec3>) -> (Vec3, Vec3) {
+    points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)))
+}
+
 /// A vertical gradient with darkened corners, linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Backdrop {

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 
 use crate::camera::View;
 use crate::face;
-use crate::scene::{Body, RenderError};
+use crate::scene::{Body, RenderError, bounds_of};
 use crate::tiles::{Bins, TileGrid};
 
 /// A triangle on the screen: pixel x, pixel y and inverse depth of each corner.
@@ -91,10 +91,9 @@ impl<'a> Solids<'a> {
     /// triangle.
     pub fn bounds(&self) -> (Vec3, Vec3) {
         if self.triangles.is_empty() {
-            return (Vec3::INFINITY, Vec3::NEG_INFINITY);
+            return bounds_of(std::iter::empty());
         }
-        let finite = self.positions.iter().filter(|p| p.is_finite());
-        finite.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)))
+        bounds_of(self.positions.iter().copied().filter(|p| p.is_finite()))
     }
 
     /// The point of triangle `source` nearest to `point`, which lies in its plane up to rounding.
@@ -127,7 +126,7 @@ impl<'a> Solids<'a> {
 }
 
 /// `x` clamped to 0–1. NaN gives 0: the area of a very large triangle can overflow.
-fn unit(x: f32) -> f32 {
+pub(crate) fn unit(x: f32) -> f32 {
     if x > 0.0 { x.min(1.0) } else { 0.0 }
 }
 

@@ -174,7 +174,8 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 /// wait for the tiles of a picture.
 fn threads() -> Option<rayon::ThreadPool> {
     let all = std::thread::available_parallelism().map_or(1, usize::from);
-    rayon::ThreadPoolBuilder::new().num_threads(all.div_ceil(2)).build().ok()
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(all.div_ceil(2));
+    pool.thread_name(|_| "artist".to_owned()).build().ok()
 }
 
 /// What the thread draws with.

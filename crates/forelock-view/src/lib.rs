@@ -37,6 +37,8 @@ pub struct Options {
     pub opened: Opened,
     /// Where it simulates.
     pub backend: Backend,
+    /// What draws the hair; [`Backend::Auto`]: a graphics card if there is one.
+    pub draw: Backend,
     /// Write a picture of the window to this file after some seconds, and close it.
     pub screenshot: Option<(PathBuf, f64)>,
 }
@@ -69,7 +71,7 @@ pub fn run(options: Options) -> Result<(), ViewError> {
     let failure = std::sync::Arc::new(std::sync::Mutex::new(None));
     let told = failure.clone();
     let create = move |cc: &eframe::CreationContext<'_>| {
-        let mut app = App::new(cc, options.opened, options.backend);
+        let mut app = App::new(cc, options.opened, options.backend, options.draw);
         app.take_screenshot(options.screenshot, told);
         Ok(Box::new(app) as Box<dyn eframe::App>)
     };

@@ -11,7 +11,8 @@ pub fn view(arguments: &ViewArgs) -> anyhow::Result<()> {
         Some(path) => forelock_view::read(path, &overrides).map_err(anyhow::Error::msg)?,
     };
     let screenshot = arguments.screenshot.clone().map(|path| (path, arguments.after));
-    Ok(forelock_view::run(forelock_view::Options { opened, backend: arguments.backend.into(), screenshot })?)
+    let [backend, draw] = [arguments.backend, arguments.draw].map(Into::into);
+    Ok(forelock_view::run(forelock_view::Options { opened, backend, draw, screenshot })?)
 }
 
 /// Says how to get a window.

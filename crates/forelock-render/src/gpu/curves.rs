@@ -36,7 +36,7 @@ pub(super) struct HairArrays {
     pub widths: Vec<f32>,
     /// `[P]`, or empty if no group has colours of its own.
     pub albedos: Vec<[f32; 4]>,
-    /// What was made by chance for each curve, before the factors of its group.
+    /// The random numbers of each curve that the factors of its group are applied to.
     draws: Vec<Draw>,
     /// What all this was made of, if it may be used again.
     sources: Option<Vec<Source>>,
@@ -56,12 +56,14 @@ pub(super) enum News {
 #[derive(Debug)]
 struct Draw {
     group: u32,
+    /// The offset of a child, relative to the largest one.
     offset: Vec3,
     rank: f32,
 }
 
-/// By how much more than its share of a group's curves is kept when there are new ones, and at
-/// most: then the arrays stay as they are while the share changes little.
+/// Curves in the arrays, relative to those that are drawn: when the arrays are made, and the most
+/// before they are made anew. So they need not be made for each small change of the level of
+/// detail.
 const SPARE: f32 = 1.15;
 const MOST_SPARE: f32 = 1.35;
 
@@ -72,9 +74,10 @@ struct Source {
     offsets: Vec<u32>,
     widths: Option<Vec<f32>>,
     colours: Option<Vec<[f32; 3]>>,
-    rest: (f32, HairColour, u32, u32),
-    /// The rank from which on curves are left out.
-    past: f32,
+    /// Width, colour, children of a strand, seed.
+    settings: (f32, HairColour, u32, u32),
+    /// Curves of this rank and above are left out.
+    rank_limit: f32,
 }
 
 impl Source {
@@ -84,37 +87,38 @@ impl Source {
             offsets: group.strands.strand_offsets.to_vec(),
             widths: group.strands.widths.map(<[_]>::to_vec),
             colours: group.strands.colours.map(<[_]>::to_vec),
-            rest: Self::rest(group, seed),
-            past: kept_of(group),
+            settings: Self::settings(group, seed),
+            rank_limit: rank_limit(group),
         }
     }
 
     fn is_of(&self, group: &Group<'_>, seed: u32) -> bool {
-        let kept = group.share..=group.share * MOST_SPARE;
-        (kept.contains(&self.past) || self.past.is_infinite() && group.share * MOST_SPARE >= 1.0)
-            && self.rest == Self::rest(group, seed)
+        let most = group.share * MOST_SPARE;
+        self.rank_limit >= group.share
+            && (self.rank_limit <= most || most >= 1.0)
+            && self.settings == Self::settings(group, seed)
             && self.particles == group.strands.positions.len()
             && self.offsets == group.strands.strand_offsets
             && self.widths.as_deref() == group.strands.widths
             && self.colours.as_deref() == group.strands.colours
     }
 
-    fn rest(group: &Group<'_>, seed: u32) -> (f32, HairColour, u32, u32) {
+    fn settings(group: &Group<'_>, seed: u32) -> (f32, HairColour, u32, u32) {
         (group.strands.width, group.strands.colour, group.children, seed)
     }
 }
 
-/// The rank from which on curves of `group` are left out.
-fn kept_of(group: &Group<'_>) -> f32 {
+/// Curves of `group` of this rank and above are left out.
+fn rank_limit(group: &Group<'_>) -> f32 {
     if group.share * SPARE < 1.0 { group.share * SPARE } else { f32::INFINITY }
 }
 
 impl HairArrays {
     /// Makes the arrays those of `groups`.
     pub fn update(&mut self, groups: &[Group<'_>], seed: u32) -> News {
-        // Which strands can be drawn depends on their positions.
-        let is_sound = groups.iter().all(|group| group.is_sound);
-        let are_known = is_sound
+        // Where a particle is not finite, positions decide which strands can be drawn.
+        let is_finite = groups.iter().all(|group| group.is_finite);
+        let are_known = is_finite
             && self.sources.as_ref().is_some_and(|sources| {
                 sources.len() == groups.len()
                     && sources.iter().zip(groups).all(|(source, group)| source.is_of(group, seed))
@@ -122,7 +126,7 @@ impl HairArrays {
         if !are_known {
             *self = Self::default();
             self.append_all(groups, seed);
-            self.sources = is_sound.then(|| groups.iter().map(|group| Source::of(group, seed)).collect());
+            self.sources = is_finite.then(|| groups.iter().map(|group| Source::of(group, seed)).collect());
         }
         let factors: Vec<_> =
             groups.iter().map(|group| [group.width_scale, group.radius, group.share]).collect();
@@ -141,7 +145,7 @@ impl HairArrays {
     fn append_all(&mut self, groups: &[Group<'_>], seed: u32) {
         let has_colours = groups.iter().any(|group| group.strands.colours.is_some());
         for (index, group) in groups.iter().enumerate() {
-            let (before, past) = (self.widths.len() as u32, kept_of(group));
+            let (before, limit) = (self.widths.len() as u32, rank_limit(group));
             self.widths.resize(self.widths.len() + group.strands.positions.len(), 0.0);
             if has_colours {
                 let colours = group.strands.colours.unwrap_or_default();
@@ -156,7 +160,7 @@ impl HairArrays {
                 }
                 for child in 0..group.children {
                     let rank = group.rank(strand as u32, child);
-                    if rank >= past {
+                    if rank >= limit {
                         continue;
                     }
                     let start = self.owners.len();

@@ -22,6 +22,12 @@ pub enum GpuRenderError {
         /// The largest size that the device allows.
         limit: u64,
     },
+    /// Positions that are on the device cannot be used.
+    #[error("shared positions cannot be used: {0}")]
+    Shared(String),
+    /// A target cannot be drawn over.
+    #[error("the target cannot be drawn over: {0}")]
+    Target(String),
     /// The device did not finish its work.
     #[error("the GPU failed: {0}")]
     Failed(String),

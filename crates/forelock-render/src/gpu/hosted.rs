@@ -6,6 +6,7 @@ use super::GpuRenderError;
 use super::curves::{self, HairArrays};
 use super::meshes::{self, BodyArrays};
 use super::shadows::LightArrays;
+use super::shared::SharedPositions;
 use crate::camera::View;
 use crate::drawable::strand_count;
 use crate::hair::{Group, PIECE_PX};
@@ -43,13 +44,11 @@ pub(super) struct FrameData {
     pub shadow_origin: [f32; 3],
     pub shadow_cell: f32,
     pub shadow_size: [u32; 3],
-    particle_stride: u32,
+    unused: u32,
     pub open_origin: [f32; 3],
     pub open_cell: f32,
     pub open_size: [u32; 3],
     pub open_start: u32,
-    position_origin: [f32; 3],
-    component_stride: u32,
     backdrop_top: [f32; 3],
     vignette: f32,
     backdrop_bottom: [f32; 3],
@@ -62,7 +61,7 @@ pub(super) struct FrameData {
     pub sweeps: u32,
     pub slices: u32,
     pub vertices: u32,
-    unused: u32,
+    pub target_near: f32,
 }
 
 impl FrameData {
@@ -89,12 +88,23 @@ pub(super) struct News {
 }
 
 impl Hosted {
-    /// Makes everything that of `scene`, but for the positions of strands.
-    pub fn update(&mut self, scene: &Scene<'_>, settings: &Settings) -> Result<News, GpuRenderError> {
+    /// Makes everything that of `scene`, but for the positions of strands. Those of the groups in
+    /// `shared` may be outside the box of the scene's.
+    pub fn update(
+        &mut self,
+        scene: &Scene<'_>,
+        settings: &Settings,
+        shared: &[(usize, SharedPositions)],
+    ) -> Result<News, GpuRenderError> {
         scene.check(settings)?;
         let Settings { width, height, .. } = *settings;
         let view = View::new(&scene.camera, width, height);
-        let groups = Group::all(scene, settings, &view);
+        let mut groups = Group::all(scene, settings, &view);
+        for (group, own) in shared {
+            if let Some(Group { bounds: (lo, hi), .. }) = groups.get_mut(*group) {
+                (*lo, *hi) = (*lo - own.margin, *hi + own.margin);
+            }
+        }
         let news = News {
             hair: self.hair.update(&groups, settings.seed),
             bodies: self.bodies.update(&scene.bodies)?,
@@ -114,8 +124,6 @@ impl Hosted {
             slices: (SLICED / faces.max(1)).clamp(4, 64),
             sky: scene.ambient.sky.into(),
             ground: scene.ambient.ground.into(),
-            particle_stride: 3,
-            component_stride: 1,
             backdrop_top: scene.backdrop.top.into(),
             vignette: scene.backdrop.vignette,
             backdrop_bottom: scene.backdrop.bottom.into(),
@@ -160,15 +168,20 @@ fn lit_each(groups: &[Group<'_>], view: &View, size: [u32; 2]) -> u32 {
 mod tests {
     use super::super::curves::CurveData;
     use super::super::meshes::{MeshVertexData, PlacementData, VertexData};
+    use super::super::present;
     use super::super::shadows::{LightData, SampleData, SweepData};
-    use super::super::stages::STAGES;
+    use super::super::shared::{self, GatherData};
+    use super::super::stages::{STAGES, source};
     use super::*;
     use std::mem::{offset_of, size_of};
 
     /// What the modules of all stages say.
     fn modules() -> Vec<(&'static str, naga::Module)> {
         let parse = |text: String| naga::front::wgsl::parse_str(&text).unwrap();
-        STAGES.iter().map(|stage| (stage.name, parse(stage.source()))).collect()
+        let others = [("gather", shared::TEXTS), ("present", present::PRESENT), ("hide", present::HIDE)];
+        let stages = STAGES.iter().map(|stage| (stage.name, stage.source()));
+        let texts = stages.chain(others.map(|(name, texts)| (name, source(texts))));
+        texts.map(|(name, text)| (name, parse(text))).collect()
     }
 
     /// Checks that `name` has the fields of a struct of `size` bytes wherever a module has it.
@@ -194,9 +207,8 @@ mod tests {
     #[test]
     fn structs_are_those_of_the_kernels() {
         let frame = offsets!(FrameData: eye focal right near up exposure forward points sky lights ground
-            capacity shadow_origin shadow_cell shadow_size particle_stride open_origin open_cell open_size
-            open_start position_origin component_stride
-            backdrop_top vignette backdrop_bottom lit_each centre size tiles faces samples sweeps slices vertices unused);
+            capacity shadow_origin shadow_cell shadow_size unused open_origin open_cell open_size
+            open_start backdrop_top vignette backdrop_bottom lit_each centre size tiles faces samples sweeps slices vertices target_near);
         has_layout("Frame", size_of::<FrameData>(), &frame);
         let curve = offsets!(CurveData: base first count start offset wave log_albedo tilt bright grey
             has_colours detail);
@@ -214,6 +226,8 @@ mod tests {
         let sample = offsets!(SampleData: base first count grid weight width);
         has_layout("Sample", size_of::<SampleData>(), &sample);
         let sweep = offsets!(SweepData: direction cells size depths);
+        let gather = offsets!(GatherData: origin stride first count unused);
+        has_layout("Gather", size_of::<GatherData>(), &gather);
         has_layout("Sweep", size_of::<SweepData>(), &sweep);
     }
 

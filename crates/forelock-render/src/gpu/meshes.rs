@@ -1,10 +1,10 @@
 //! Bodies as arrays for the device.
 
 use bytemuck::{Pod, Zeroable};
-use forelock_core::pose::Pose;
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Mat3, Vec3};
 
-use crate::scene::{Body, RenderError};
+use crate::scene::{Body, RenderError, bounds_of};
+use crate::solids::unit;
 
 /// `MeshVertex` in `place.wgsl`: a vertex in mesh space.
 #[repr(C)]
@@ -114,12 +114,16 @@ impl BodyArrays {
         let vertices = faces || !all(Source::has_vertices_of);
         if vertices {
             bodies.iter().enumerate().try_for_each(|(index, body)| body.check(index))?;
-            (self.sources, self.vertices, self.faces) =
-                (bodies.iter().map(Source::of).collect(), Vec::new(), Vec::new());
-            for (index, body) in bodies.iter().enumerate() {
-                let first = self.vertices.len() as u32;
+            self.sources = bodies.iter().map(Source::of).collect();
+            self.vertices.clear();
+            bodies.iter().enumerate().for_each(|(index, body)| self.append_vertices(body, index as u32));
+        }
+        if faces {
+            self.faces.clear();
+            let mut first = 0;
+            for body in bodies {
                 self.faces.extend(body.mesh.triangles.iter().map(|corners| corners.map(|v| v + first)));
-                self.append_vertices(body, index as u32);
+                first += body.mesh.positions.len() as u32;
             }
         }
         self.placements = bodies.iter().map(placement).collect();
@@ -129,17 +133,13 @@ impl BodyArrays {
     fn append_vertices(&mut self, body: &Body<'_>, index: u32) {
         let normals = body.mesh.vertex_normals();
         self.vertices.extend(body.mesh.positions.iter().zip(normals).enumerate().map(
-            |(v, (position, normal))| {
-                let share = body.scalp.map_or(0.0, |scalp| scalp.shares[v]);
-                MeshVertexData {
-                    position: position.to_array(),
-                    // NaN gives 0.
-                    share: if share > 0.0 { share.min(1.0) } else { 0.0 },
-                    normal: normal.into(),
-                    body: index,
-                    rest: body.face.map_or(Vec3::ZERO, |face| face.rest[v]).into(),
-                    unused: 0,
-                }
+            |(v, (position, normal))| MeshVertexData {
+                position: position.to_array(),
+                share: body.scalp.map_or(0.0, |scalp| unit(scalp.shares[v])),
+                normal: normal.into(),
+                body: index,
+                rest: body.face.map_or(Vec3::ZERO, |face| face.rest[v]).into(),
+                unused: 0,
             },
         ));
     }
@@ -147,31 +147,24 @@ impl BodyArrays {
     /// The smallest box around all finite vertices, world space. It is empty (min > max) if there
     /// is none, or no triangle.
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        let empty = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        if self.faces.is_empty() {
-            return empty;
-        }
-        let mut poses = self.placements.iter().map(|own| {
-            let [x, y, z, origin] = [own.x_axis, own.y_axis, own.z_axis, own.origin].map(Vec3::from);
-            Affine3A::from_mat3_translation(glam::Mat3::from_cols(x, y, z), origin)
-        });
-        self.sources.iter().fold(empty, |bounds, source| {
-            let pose = poses.next().unwrap_or_default();
-            let placed = source.positions.iter().map(|&p| pose.transform_point3(p));
-            placed.filter(|p| p.is_finite()).fold(bounds, |(lo, hi), p| (lo.min(p), hi.max(p)))
-        })
+        let sources = if self.faces.is_empty() { &[] } else { &self.sources[..] };
+        bounds_of(sources.iter().zip(&self.placements).flat_map(|(source, placement)| {
+            let PlacementData { x_axis, y_axis, z_axis, origin, .. } = *placement;
+            let [x, y, z, origin] = [x_axis, y_axis, z_axis, origin].map(Vec3::from);
+            let pose = Affine3A::from_mat3_translation(Mat3::from_cols(x, y, z), origin);
+            source.positions.iter().map(move |&p| pose.transform_point3(p)).filter(|p| p.is_finite())
+        }))
     }
 }
 
 fn placement(body: &Body<'_>) -> PlacementData {
-    let Pose { translation, .. } = body.pose;
     let axes = body.pose.matrix().as_mat3();
     PlacementData {
         x_axis: axes.x_axis.into(),
         has_face: if body.face.is_some() { 1.0 } else { 0.0 },
         y_axis: axes.y_axis.into(),
         z_axis: axes.z_axis.into(),
-        origin: translation.as_vec3().into(),
+        origin: body.pose.translation.as_vec3().into(),
         skin: body.colour.into(),
         scalp: body.scalp.map_or(Vec3::ZERO, |scalp| scalp.colour).into(),
         brows: body.face.map_or(Vec3::ZERO, |face| face.brows).into(),

@@ -14,10 +14,12 @@
 //! of the stages. The device places and draws bodies, and computes shadow maps, grids of optical
 //! depth and all light. The renderer keeps what it uploaded: for the next picture the CPU compares
 //! meshes and attributes of strands with those of the last one, and uploads positions, poses and
-//! what is new.
+//! what is new. Positions that a simulation has written on the device need no upload
+//! ([`GpuRenderer::share`]).
 //!
 //! The list of pieces has no fixed size. [`GpuRenderer::render`] draws again with more room where
-//! pieces had none. [`GpuRenderer::render_to`] does not wait, so it cannot; a later frame has the
+//! pieces had none. [`GpuRenderer::render_to`] and [`GpuRenderer::render_over`], which draws over
+//! what an engine has drawn, do not wait, so they cannot; a later frame has the
 //! room that this one lacked, and [`GpuRenderer::report`] tells how many pieces were left out.
 //! Equal depths are ordered by the number of the piece, so that a picture drawn twice has the same
 //! bytes.
@@ -32,9 +34,13 @@ mod curves;
 mod error;
 mod hosted;
 mod meshes;
+mod present;
 mod shadows;
+mod shared;
 mod stages;
 mod work;
 
 pub use error::GpuRenderError;
+pub use present::Target;
+pub use shared::SharedPositions;
 pub use work::{FrameReport, GpuRenderer};

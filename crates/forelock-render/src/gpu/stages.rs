@@ -25,20 +25,23 @@ const FULL_CELL: u32 = 1 << 31;
 /// What the sizes of buffers are multiples of, bytes.
 const UNIT: u64 = 16;
 /// The formats of the numbers and depths of the nearest triangles.
-const IDS: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
-const DEPTHS: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+pub(super) const IDS: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
+pub(super) const DEPTHS: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 /// The largest number of workgroups of a dispatch along an axis that is used.
 const MAX_GROUPS: u32 = 32_768;
 
-const FRAME: &str = include_str!("wgsl/frame.wgsl");
+pub(super) const FRAME: &str = include_str!("wgsl/frame.wgsl");
 const PARTICLES: &str = include_str!("wgsl/particles.wgsl");
 const STRAND: &str = include_str!("wgsl/strand.wgsl");
 const VERTEX: &str = include_str!("wgsl/vertex.wgsl");
+const FACES: &str = include_str!("wgsl/faces.wgsl");
 const SAMPLES: &str = include_str!("wgsl/samples.wgsl");
 const DEPOSIT: &str = include_str!("wgsl/deposit.wgsl");
 const LIGHT: &str = include_str!("wgsl/light.wgsl");
 const LIGHTS: &str = include_str!("wgsl/lights.wgsl");
 const PIECES: &str = include_str!("wgsl/pieces.wgsl");
+pub(super) const FULL_SCREEN: &str = include_str!("wgsl/full_screen.wgsl");
+pub(super) const TONE: &str = include_str!("wgsl/tone.wgsl");
 
 /// The number of a binding, the same in all kernels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -184,11 +187,11 @@ impl Stage {
     fn texts(&self) -> &'static [&'static str] {
         match self.name {
             "place" => &[FRAME, VERTEX, include_str!("wgsl/place.wgsl")],
-            "cover" => &[FRAME, VERTEX, include_str!("wgsl/cover.wgsl")],
+            "cover" => &[FRAME, VERTEX, FACES, include_str!("wgsl/cover.wgsl")],
             "project" => &[FRAME, PARTICLES, STRAND, include_str!("wgsl/project.wgsl")],
-            "map_shadows" => &[FRAME, LIGHT, VERTEX, include_str!("wgsl/map_shadows.wgsl")],
+            "map_shadows" => &[FRAME, LIGHT, VERTEX, FACES, include_str!("wgsl/map_shadows.wgsl")],
             "deposit_hair" => &[FRAME, PARTICLES, DEPOSIT, include_str!("wgsl/deposit_hair.wgsl")],
-            "deposit_bodies" => &[FRAME, VERTEX, DEPOSIT, include_str!("wgsl/deposit_bodies.wgsl")],
+            "deposit_bodies" => &[FRAME, VERTEX, FACES, DEPOSIT, include_str!("wgsl/deposit_bodies.wgsl")],
             "sweep" => &[FRAME, include_str!("wgsl/sweep.wgsl")],
             "open" => &[FRAME, include_str!("wgsl/open.wgsl")],
             "bodies" => &[
@@ -196,6 +199,7 @@ impl Stage {
                 LIGHT,
                 LIGHTS,
                 VERTEX,
+                FACES,
                 SAMPLES,
                 include_str!("wgsl/face.wgsl"),
                 include_str!("wgsl/bodies.wgsl"),
@@ -210,7 +214,7 @@ impl Stage {
                 include_str!("wgsl/shade.wgsl"),
             ],
             "sort" => &[FRAME, include_str!("wgsl/sort.wgsl")],
-            "resolve" => &[FRAME, SAMPLES, PIECES, include_str!("wgsl/resolve.wgsl")],
+            "resolve" => &[FRAME, SAMPLES, PIECES, TONE, include_str!("wgsl/resolve.wgsl")],
             _ => &[FRAME, PIECES, include_str!("wgsl/bins.wgsl")],
         }
     }
@@ -230,9 +234,14 @@ impl Stage {
             Threads::Points => frame.points,
             Threads::Lit => frame.points * frame.lit_each,
         };
-        let groups = threads.div_ceil(THREADS);
-        [groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS)]
+        workgroups_for(threads)
     }
+}
+
+/// The workgroups for `threads` threads.
+pub(super) fn workgroups_for(threads: u32) -> [u32; 2] {
+    let groups = threads.div_ceil(THREADS);
+    [groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS)]
 }
 
 /// The constants that the shaders take from the CPU renderer.
@@ -278,11 +287,11 @@ fn constants() -> String {
 }
 
 /// The whole text of the shader of `texts`.
-fn source(texts: &[&str]) -> String {
+pub(super) fn source(texts: &[&str]) -> String {
     [&constants(), texts.concat().as_str()].concat()
 }
 
-fn module(device: &wgpu::Device, label: &str, texts: &[&str]) -> wgpu::ShaderModule {
+pub(super) fn module(device: &wgpu::Device, label: &str, texts: &[&str]) -> wgpu::ShaderModule {
     let source = source(texts);
     device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(label),
@@ -355,39 +364,12 @@ fn rasterizing(device: &wgpu::Device, module: &wgpu::ShaderModule, name: &str) -
     })
 }
 
-/// The pipeline that copies the picture to a target of `format`.
-pub(super) fn presenting(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
-    let module = module(device, "present", &[FRAME, include_str!("wgsl/present.wgsl")]);
-    let fragment = if format.is_srgb() { "linear" } else { "encoded" };
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("present"),
-        layout: None,
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("corner"),
-            compilation_options: Default::default(),
-            buffers: &[],
-        },
-        primitive: Default::default(),
-        depth_stencil: None,
-        multisample: Default::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some(fragment),
-            compilation_options: Default::default(),
-            targets: &[Some(format.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
-}
-
 /// The buffers and textures of a renderer. Buffers grow and are kept from one frame to the next.
 #[derive(Debug, Default)]
 pub(super) struct Memory {
     buffers: [Option<wgpu::Buffer>; SLOTS],
-    /// Those of [`Behind`], [`Ids`] and [`Depths`].
-    textures: Option<[wgpu::Texture; 3]>,
+    /// The textures of [`Behind`], [`Ids`] and [`Depths`].
+    views: Option<[wgpu::TextureView; 3]>,
 }
 
 impl Memory {
@@ -417,11 +399,12 @@ impl Memory {
 
     /// Bytes of all buffers and textures.
     pub fn bytes(&self) -> u64 {
-        let texels = |texture: &wgpu::Texture| u64::from(texture.width()) * u64::from(texture.height());
-        let bytes = |texture: &wgpu::Texture| {
-            texels(texture) * u64::from(texture.format().block_copy_size(None).unwrap_or(4))
+        let bytes = |view: &wgpu::TextureView| {
+            let own = view.texture();
+            let texels = u64::from(own.width()) * u64::from(own.height());
+            texels * u64::from(own.format().block_copy_size(None).unwrap_or(4))
         };
-        let textures: u64 = self.textures.iter().flatten().map(bytes).sum();
+        let textures: u64 = self.views.iter().flatten().map(bytes).sum();
         textures + self.buffers.iter().flatten().map(wgpu::Buffer::size).sum::<u64>()
     }
 
@@ -433,12 +416,14 @@ impl Memory {
 
     /// Makes the textures of a picture of `size` pixels.
     pub fn size_textures(&mut self, device: &wgpu::Device, [width, height]: [u32; 2]) {
-        let fits = |[behind, ..]: &[wgpu::Texture; 3]| [behind.width(), behind.height()] == [width, height];
-        if self.textures.as_ref().is_some_and(fits) {
+        let fits = |[behind, ..]: &[wgpu::TextureView; 3]| {
+            [behind.texture().width(), behind.texture().height()] == [width, height]
+        };
+        if self.views.as_ref().is_some_and(fits) {
             return;
         }
         let make = |label, side: u32, format, usage| {
-            device.create_texture(&wgpu::TextureDescriptor {
+            let texture = device.create_texture(&wgpu::TextureDescriptor {
                 label: Some(label),
                 size: wgpu::Extent3d { width: side * width, height: side * height, depth_or_array_layers: 1 },
                 mip_level_count: 1,
@@ -447,41 +432,36 @@ impl Memory {
                 format,
                 usage: wgpu::TextureUsages::TEXTURE_BINDING | usage,
                 view_formats: &[],
-            })
+            });
+            texture.create_view(&Default::default())
         };
         let [stored, drawn] = [wgpu::TextureUsages::STORAGE_BINDING, wgpu::TextureUsages::RENDER_ATTACHMENT];
-        self.textures = Some([
+        self.views = Some([
             make("behind", 1, wgpu::TextureFormat::Rgba32Float, stored),
             make("nearest triangles", 2, IDS, drawn),
             make("depths", 2, DEPTHS, drawn),
         ]);
     }
 
-    /// The texture of `slot`.
-    fn texture(&self, slot: Slot) -> Result<wgpu::TextureView, GpuRenderError> {
+    /// The textures behind the hair: [`Behind`], [`Ids`] and [`Depths`].
+    pub fn views(&self) -> Result<&[wgpu::TextureView; 3], GpuRenderError> {
         let missing = || GpuRenderError::Failed("there is no texture for the bodies".to_owned());
-        let [behind, ids, depths] = self.textures.as_ref().ok_or_else(missing)?;
-        let own = match slot {
-            Ids => ids,
-            Depths => depths,
-            _ => behind,
-        };
-        Ok(own.create_view(&Default::default()))
+        self.views.as_ref().ok_or_else(missing)
     }
 
-    /// The bind group of `stage`.
+    /// A bind group of `layout` with what is in `slots`.
     pub fn bind(
         &self,
         device: &wgpu::Device,
         layout: &wgpu::BindGroupLayout,
         slots: &[Slot],
     ) -> Result<wgpu::BindGroup, GpuRenderError> {
-        let [behind, ids, depths] = [self.texture(Behind)?, self.texture(Ids)?, self.texture(Depths)?];
+        let [behind, ids, depths] = self.views()?;
         let entry = |&slot: &Slot| {
             let resource = match slot {
-                Behind => wgpu::BindingResource::TextureView(&behind),
-                Ids => wgpu::BindingResource::TextureView(&ids),
-                Depths => wgpu::BindingResource::TextureView(&depths),
+                Behind => wgpu::BindingResource::TextureView(behind),
+                Ids => wgpu::BindingResource::TextureView(ids),
+                Depths => wgpu::BindingResource::TextureView(depths),
                 _ => self.buffer(slot)?.as_entire_binding(),
             };
             Ok(wgpu::BindGroupEntry { binding: slot as u32, resource })
@@ -490,7 +470,8 @@ impl Memory {
         Ok(device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries }))
     }
 
-    /// Adds `stage` to `encoder`, its times to `set` from number `first` on.
+    /// Adds `stage` to `encoder`. `times` are a set of timestamps and the number of the first of
+    /// two in it.
     pub fn encode(
         &self,
         device: &wgpu::Device,
@@ -519,22 +500,28 @@ impl Memory {
                 }
             }
             Pipeline::Render(pipeline) => {
-                let [ids, depths] = [self.texture(Ids)?, self.texture(Depths)?];
+                let [_, ids, depths] = self.views()?;
+                // The depths of a target are there already.
+                let is_over = frame.target_near > 0.0;
                 let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                     label: Some(stage.name),
                     color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                        view: &ids,
+                        view: ids,
                         depth_slice: None,
                         resolve_target: None,
                         ops: wgpu::Operations {
-                            load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                            load: if is_over {
+                                wgpu::LoadOp::Load
+                            } else {
+                                wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT)
+                            },
                             store: wgpu::StoreOp::Store,
                         },
                     })],
                     depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                        view: &depths,
+                        view: depths,
                         depth_ops: Some(wgpu::Operations {
-                            load: wgpu::LoadOp::Clear(0.0),
+                            load: if is_over { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(0.0) },
                             store: wgpu::StoreOp::Store,
                         }),
                         stencil_ops: None,

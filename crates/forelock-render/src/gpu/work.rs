@@ -7,7 +7,9 @@ use super::GpuRenderError;
 use super::curves;
 use super::hosted::{FrameData, Hosted, News};
 use super::meshes::VertexData;
-use super::stages::{Memory, PIECES_EACH, Pipeline, STAGES, Slot, most_bound, presenting};
+use super::present::{Presenting, Target};
+use super::shared::{Gatherer, SharedPositions};
+use super::stages::{Memory, PIECES_EACH, Pipeline, STAGES, Slot, most_bound};
 use crate::image::Image;
 use crate::scene::{Scene, Settings, Strands};
 
@@ -99,8 +101,11 @@ pub struct GpuRenderer {
     queue: wgpu::Queue,
     pipelines: Vec<Pipeline>,
     hosted: Hosted,
-    /// The pipeline that copies the picture, and the format of its target.
-    presenting: Option<(wgpu::TextureFormat, wgpu::RenderPipeline)>,
+    presenting: Presenting,
+    /// Groups whose positions are on the device.
+    shared: Vec<(usize, SharedPositions)>,
+    /// Made at first use.
+    gatherer: Option<Gatherer>,
     memory: Memory,
     clock: Option<Clock>,
     /// Room in the list of pieces, if it was set.
@@ -125,7 +130,9 @@ impl GpuRenderer {
             queue: queue.clone(),
             pipelines: STAGES.iter().map(|stage| Pipeline::new(device, stage)).collect(),
             hosted: Hosted::default(),
-            presenting: None,
+            presenting: Presenting::default(),
+            shared: Vec::new(),
+            gatherer: None,
             memory: Memory::default(),
             clock: Clock::new(device, queue),
             limit: None,
@@ -157,17 +164,18 @@ impl GpuRenderer {
     /// device has no room; [`GpuRenderError::Failed`] if it failed.
     pub fn render(&mut self, scene: &Scene<'_>, settings: &Settings) -> Result<Image, GpuRenderError> {
         self.pending = None;
-        self.prepare(scene, settings)?;
+        self.prepare(scene, settings, 0.0)?;
         self.redraw()
     }
 
-    /// Draws what was drawn last once more, without preparing and uploading it again.
+    /// Draws the last picture once more, without preparing and uploading it again.
     ///
     /// # Errors
-    /// [`GpuRenderError::Failed`] if nothing was drawn before or the device failed;
+    /// [`GpuRenderError::Failed`] if nothing or what [`render_over`](Self::render_over) drew is the
+    /// last, or the device failed;
     /// [`GpuRenderError::TooLarge`] if it has no room.
     pub fn redraw(&mut self) -> Result<Image, GpuRenderError> {
-        let mut frame = self.frame.ok_or_else(|| failed("nothing was drawn before"))?;
+        let mut frame = self.frame.ok_or_else(|| failed("there is no picture to draw again"))?;
         frame.capacity = self.capacity;
         loop {
             let mut encoder = self.device.create_command_encoder(&Default::default());
@@ -192,32 +200,50 @@ impl GpuRenderer {
         format: wgpu::TextureFormat,
     ) -> Result<(), GpuRenderError> {
         self.collect()?;
-        let frame = self.prepare(scene, settings)?;
+        let frame = self.prepare(scene, settings, 0.0)?;
         let mut encoder = self.device.create_command_encoder(&Default::default());
         self.encode(&mut encoder, &frame)?;
-        if self.presenting.as_ref().is_none_or(|(own, _)| *own != format) {
-            self.presenting = Some((format, presenting(&self.device, format)));
-        }
-        if let Some((_, pipeline)) = &self.presenting {
-            let layout = pipeline.get_bind_group_layout(0);
-            let bound = self.memory.bind(&self.device, &layout, &[Slot::Frame, Slot::Picture])?;
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("present"),
-                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                    view: target,
-                    depth_slice: None,
-                    resolve_target: None,
-                    ops: wgpu::Operations {
-                        load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
-                        store: wgpu::StoreOp::Store,
-                    },
-                })],
-                ..Default::default()
-            });
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, &bound, &[]);
-            pass.draw(0..3, 0..1);
-        }
+        self.presenting.copy(&self.device, &mut encoder, &self.memory, target, format)?;
+        self.submit(encoder, frame)
+    }
+
+    /// Draws `scene` over what `target` holds, and does not wait: strands and bodies, without the
+    /// backdrop. What is nearer there hides them. Its depth becomes theirs where they hide at least
+    /// half of a pixel. The next call reads the report of this frame.
+    ///
+    /// # Errors
+    /// [`GpuRenderError::Target`] if `target` does not fit; else the same errors as
+    /// [`render`](Self::render).
+    pub fn render_over(
+        &mut self,
+        scene: &Scene<'_>,
+        settings: &Settings,
+        target: &Target<'_>,
+    ) -> Result<(), GpuRenderError> {
+        target.check(&self.device, [settings.width, settings.height])?;
+        self.collect()?;
+        let frame = self.prepare(scene, settings, target.near)?;
+        // What it draws cannot be read as a picture.
+        self.frame = None;
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        self.presenting.hide(&self.device, &mut encoder, &self.memory, target)?;
+        self.encode(&mut encoder, &frame)?;
+        self.presenting.draw_over(&self.device, &mut encoder, &self.memory, target)?;
+        self.submit(encoder, frame)
+    }
+
+    /// Takes the positions of group number `group` of all later scenes from the device; with `None`
+    /// (default) from the scene. Call it after each frame of a simulation, with the origin of that
+    /// frame. Positions in the scene only choose what is drawn, by the box around them and their
+    /// distance from the camera: they may be those of an earlier frame, or of the rest shape where
+    /// the head is.
+    pub fn share(&mut self, group: usize, positions: Option<SharedPositions>) {
+        self.shared.retain(|(own, _)| *own != group);
+        self.shared.extend(positions.map(|positions| (group, positions)));
+    }
+
+    /// Submits a frame that is not waited for.
+    fn submit(&mut self, mut encoder: wgpu::CommandEncoder, frame: FrameData) -> Result<(), GpuRenderError> {
         // One report at a time: a frame that comes before it is read has none.
         let staging = match &self.pending {
             None => Some(self.copy_results(&mut encoder, 0)?),
@@ -249,13 +275,20 @@ impl GpuRenderer {
         self.limit.map_or(room, |limit| limit.min(room))
     }
 
-    /// Computes on the CPU what the device needs, and uploads what of it is new.
-    fn prepare(&mut self, scene: &Scene<'_>, settings: &Settings) -> Result<FrameData, GpuRenderError> {
+    /// Computes on the CPU what the device needs, and uploads what of it is new. `target_near` is
+    /// that of the target that is drawn over, 0 without one.
+    fn prepare(
+        &mut self,
+        scene: &Scene<'_>,
+        settings: &Settings,
+        target_near: f32,
+    ) -> Result<FrameData, GpuRenderError> {
         let started = std::time::Instant::now();
         (self.frame, self.uploaded_bytes) = (None, 0);
         // After an error nothing is known of what the device has.
         let mut hosted = std::mem::take(&mut self.hosted);
-        let news = hosted.update(scene, settings)?;
+        let news = hosted.update(scene, settings, &self.shared)?;
+        hosted.frame.target_near = target_near;
         let frame = self.upload(scene, &hosted, news)?;
         self.hosted = hosted;
         self.frame = Some(frame);
@@ -313,7 +346,7 @@ impl GpuRenderer {
             (Slot::Offsets, 4 * (tiles + 1)),
             (Slot::List, u64::from(self.capacity) * ITEM),
             (Slot::Report, REPORT_BYTES),
-            (Slot::Picture, 4 * pixels),
+            (Slot::Picture, if frame.target_near > 0.0 { 12 * pixels } else { 4 * pixels }),
         ];
         for (slot, bytes) in room {
             self.memory.reserve(&self.device, slot, bytes)?;
@@ -328,11 +361,24 @@ impl GpuRenderer {
         self.memory.reserve(&self.device, Slot::Positions, scene.strands.iter().map(bytes).sum())?;
         let buffer = self.memory.buffer(Slot::Positions)?;
         let mut at = 0;
-        for strands in &scene.strands {
-            self.queue.write_buffer(buffer, at, bytemuck::cast_slice(strands.positions));
+        let mut shared = Vec::new();
+        for (group, strands) in scene.strands.iter().enumerate() {
+            match self.shared.iter().find(|(own, _)| *own == group) {
+                None => {
+                    self.queue.write_buffer(buffer, at, bytemuck::cast_slice(strands.positions));
+                    self.uploaded_bytes += bytes(strands);
+                }
+                Some((_, own)) => {
+                    own.check(group, strands.positions.len())?;
+                    shared.push(((at / 4) as u32, own));
+                }
+            }
             at += bytes(strands);
         }
-        self.uploaded_bytes += at;
+        if !shared.is_empty() {
+            let gatherer = self.gatherer.get_or_insert_with(|| Gatherer::new(&self.device));
+            gatherer.gather(&self.device, &self.queue, buffer, &shared);
+        }
         Ok(())
     }
 
@@ -402,7 +448,7 @@ impl GpuRenderer {
         Ok(staging)
     }
 
-    /// Reads the report of the last frame of [`render_to`](Self::render_to) if the device is done
+    /// Reads the report of the last frame that was not waited for, if the device is done
     /// with it, and makes room for the pieces that had none.
     fn collect(&mut self) -> Result<(), GpuRenderError> {
         let Some(reading) = self.pending.take() else { return Ok(()) };

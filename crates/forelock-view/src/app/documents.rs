@@ -18,7 +18,8 @@ use crate::panel::see::Times;
 /// What a scene that the session's thread wrote out is for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum SceneFor {
-    File(PathBuf),
+    /// To be saved: the file, and the number of changes that it holds.
+    File(PathBuf, u64),
     /// A run into a folder, with a film or without.
     Bake(PathBuf, bool),
 }
@@ -168,11 +169,11 @@ impl App {
         let scenes = std::mem::take(&mut *self.scenes.lock().unwrap_or_else(PoisonError::into_inner));
         for (purpose, scene) in scenes {
             match purpose {
-                SceneFor::File(path) => match files::write(&path, scene) {
+                SceneFor::File(path, changes) => match files::write(&path, scene) {
                     Ok(()) => {
                         self.message = Some((format!("saved {}", path.display()), false));
                         self.recent_files.add(&path);
-                        (self.file, self.saved) = (Some(path), self.changes);
+                        (self.file, self.saved) = (Some(path), changes);
                     }
                     Err(message) => self.message = Some((message, true)),
                 },
@@ -215,7 +216,7 @@ impl App {
                 (Answer::Open, _) => self.dialog = Some(dialog),
                 (Answer::Cancelled, _) => {}
                 (Answer::Path(path), Purpose::Open) => self.open_asking(ctx, path),
-                (Answer::Path(path), Purpose::Save) => self.ask_for_scene(SceneFor::File(path)),
+                (Answer::Path(path), Purpose::Save) => self.ask_for_scene(SceneFor::File(path, self.changes)),
                 (Answer::Path(path), Purpose::Bake) => {
                     self.ask_for_scene(SceneFor::Bake(path, dialog.has_film));
                 }

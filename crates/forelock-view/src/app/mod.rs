@@ -76,6 +76,8 @@ pub struct App {
     drawing: Arc<AtomicBool>,
     /// None while pictures are drawn by the CPU.
     gpu: Option<RenderState>,
+    /// Why the CPU draws, if it does.
+    why_cpu: &'static str,
     shown: Option<Shown>,
     pictures: u64,
     /// When the pictures of the last seconds were shown.
@@ -106,12 +108,18 @@ pub struct App {
 }
 
 impl App {
-    /// The window of `scene`, in the context of its creation.
-    pub fn new(cc: &eframe::CreationContext<'_>, opened: Opened, backend: Backend) -> Self {
-        // A driver that runs on the CPU draws more slowly than the CPU itself.
-        let gpu = cc.wgpu_render_state.clone();
-        let gpu = gpu.filter(|own| own.adapter.get_info().device_type != wgpu::DeviceType::Cpu);
+    /// The window of `scene`, in the context of its creation. Pictures are drawn on `draw`.
+    pub fn new(cc: &eframe::CreationContext<'_>, opened: Opened, backend: Backend, draw: Backend) -> Self {
+        let gpu = cc.wgpu_render_state.clone().filter(|own| match draw {
+            Backend::Cpu => false,
+            Backend::Gpu => true,
+            // A driver that runs on the CPU draws more slowly than the CPU itself.
+            _ => own.adapter.get_info().device_type != wgpu::DeviceType::Cpu,
+        });
         let mut app = Self::with_gpu(&cc.egui_ctx, gpu, opened, backend);
+        if draw == Backend::Cpu {
+            app.why_cpu = "";
+        }
         let begun = std::mem::replace(&mut app.recent_files, Recent::of_user());
         begun.paths().iter().for_each(|path| app.recent_files.add(path));
         app
@@ -150,6 +158,7 @@ impl App {
             artist,
             drawing,
             gpu,
+            why_cpu: ", for there is no graphics card",
             shown: None,
             pictures: 0,
             shown_at: Vec::new(),
@@ -364,7 +373,7 @@ impl App {
     fn drawn_by(&self) -> String {
         let recent = self.shown_at.iter().filter(|at| at.elapsed() <= RATED).count();
         let device = &self.artist.device;
-        let why = if self.gpu.is_none() { ", for there is no graphics card" } else { "" };
+        let why = if self.gpu.is_none() { self.why_cpu } else { "" };
         let rate = recent as f32 / RATED.as_secs_f32();
         let rate = if rate >= 1.0 { format!(": {rate:.0} pictures a second") } else { String::new() };
         format!("drawn by {device}{why}{rate}")
@@ -406,13 +415,9 @@ impl App {
             self.changes += u64::from(see::colours(ui, &mut self.hair));
         });
         if let Some(parameters) = &status.parameters {
-            let before = status.undo;
-            if let Some(message) = self.change.show(ui, &self.session, parameters) {
-                self.message = Some((message, true));
-            }
-            // What the panel changes can be undone, which tells that it has changed something.
-            if before != self.session.status().undo {
-                self.changes += 1;
+            match self.change.show(ui, &self.session, parameters) {
+                Ok(changed) => self.changes += u64::from(changed),
+                Err(message) => self.message = Some((message, true)),
             }
         }
         egui::CollapsingHeader::new("Times").show(ui, |ui| self.times.show(ui));
@@ -491,6 +496,8 @@ impl App {
         };
         self.shown = Some(shown);
         self.pictures += 1;
+        // Counted by `tools/window-work.py`.
+        tracing::debug!("picture {} took {:.1} ms", self.pictures, drawn.ms);
         self.shown_at.retain(|at| at.elapsed() <= RATED);
         self.shown_at.push(Instant::now());
     }
@@ -510,7 +517,7 @@ impl App {
         }
         if pressed(Modifiers::COMMAND, Key::S) && self.cache.is_none() {
             match self.file.clone() {
-                Some(file) => self.ask_for_scene(SceneFor::File(file)),
+                Some(file) => self.ask_for_scene(SceneFor::File(file, self.changes)),
                 None => self.dialog = Some(PathDialog::new(Purpose::Save, Path::new("scene.toml"))),
             }
         }

@@ -50,14 +50,14 @@ impl Tables {
 }
 
 impl ChangePanel {
-    /// Draws the panel for a session with `parameters`, and passes changes on. Returns the message
-    /// of a value that cannot be.
+    /// Draws the panel for a session with `parameters`, and passes changes on. Returns whether
+    /// there were any, or the message of a value that cannot be.
     pub fn show(
         &mut self,
         ui: &mut egui::Ui,
         session: &Session,
         parameters: &Arc<Parameters>,
-    ) -> Option<String> {
+    ) -> Result<bool, String> {
         let is_dragging = ui.ctx().egui_is_using_pointer();
         let is_new = self.of.as_ref().is_none_or(|of| **of != **parameters);
         let tables = match self.own.take() {
@@ -67,15 +67,18 @@ impl ChangePanel {
                 self.own.insert(Tables::of(parameters))
             }
         };
-        let mut message = None;
+        let mut is_moved = false;
+        egui::CollapsingHeader::new("Motion").default_open(true).show(ui, |ui| {
+            is_moved = motions(ui, session);
+        });
+        let mut passed = Ok(is_moved);
         let mut ended = false;
         let mut pass = |touched: Touched, order: &mut dyn FnMut(u64) -> Result<(), String>| {
             ended |= touched.ended;
             if touched.changed {
-                message = order(self.drag).err();
+                passed = order(self.drag).map(|()| true);
             }
         };
-        egui::CollapsingHeader::new("Motion").default_open(true).show(ui, |ui| motions(ui, session));
         egui::CollapsingHeader::new("Solver").default_open(true).show(ui, |ui| {
             let touched = solver(ui, &mut tables.solver);
             pass(touched, &mut |drag| {
@@ -111,7 +114,7 @@ impl ChangePanel {
         if ended {
             self.drag += 1;
         }
-        message
+        passed
     }
 }
 
@@ -129,7 +132,9 @@ fn read<T: DeserializeOwned + Serialize>(table: &toml::Table) -> Result<T, Strin
     T::deserialize(toml::Value::Table(table.clone())).map_err(|error| error.message().to_owned())
 }
 
-fn motions(ui: &mut egui::Ui, session: &Session) {
+/// Whether a motion was chosen.
+fn motions(ui: &mut egui::Ui, session: &Session) -> bool {
+    let mut is_chosen = false;
     ui.horizontal_wrapped(|ui| {
         for name in MOTIONS {
             if ui.button(name).on_hover_text(format!("Move the head as builtin:{name}")).clicked() {
@@ -140,9 +145,11 @@ fn motions(ui: &mut egui::Ui, session: &Session) {
                     player.set_motion(motion)
                 });
                 session.play(true);
+                is_chosen = true;
             }
         }
     });
+    is_chosen
 }
 
 /// A list of `names` for the kind in `table`.

@@ -52,3 +52,16 @@ fn what_only_looks_is_not_asked_about() {
     assert!(window.harness.query_by_label("Go back").is_none());
     window.until("the other scene is open", is_other);
 }
+
+#[test]
+fn what_the_panel_changes_is_unsaved_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = other(&folder);
+    for clicks in [&["shake"][..], &["method", "dftl"]] {
+        let mut window = Window::open(scene(&[]));
+        clicks.iter().for_each(|label| window.click(label));
+        window.drop_file(&path);
+        window.click("Lose them");
+        window.until("the other scene is open", is_other);
+    }
+}

@@ -7,8 +7,6 @@
 @group(0) @binding(16) var behind: texture_storage_2d<rgba32float, write>;
 // The number of the nearest triangle at each sample and 1, 0 for none.
 @group(0) @binding(17) var ids: texture_2d<u32>;
-@group(0) @binding(21) var<storage, read> vertices: array<Vertex>;
-@group(0) @binding(22) var<storage, read> faces: array<u32>;
 
 struct Surface {
     position: vec3f,
@@ -26,9 +24,9 @@ fn unit(x: f32) -> f32 {
 fn surface_at(face: u32, pixel: vec2f, near: f32) -> Surface {
     let slope = vec2f(pixel.x - frame.centre.x, frame.centre.y - pixel.y) / frame.focal;
     let seen = frame.eye + (frame.forward + frame.right * slope.x + frame.up * slope.y) / near;
-    let a = vertices[faces[3u * face]];
-    let b = vertices[faces[3u * face + 1u]];
-    let c = vertices[faces[3u * face + 2u]];
+    let a = corner_of(face, 0u);
+    let b = corner_of(face, 1u);
+    let c = corner_of(face, 2u);
     let flat = cross(b.position - a.position, c.position - a.position);
     let twice = max(dot(flat, flat), 1.2e-38);
     let u = unit(dot(cross(c.position - b.position, seen - b.position), flat) / twice);
@@ -97,12 +95,15 @@ fn backdrop_at(pixel: vec2f) -> vec3f {
     return colour * (1.0 - frame.vignette * dot(offset, offset) * 2.0);
 }
 
-// The mean light of four samples at `centre`: numbers of their triangles and 1, and inverse depths.
-fn light_behind(centre: vec2f, found: vec4u, nearness: vec4f) -> vec3f {
-    var sum = vec3f(0.0);
+// The mean light of four samples at `centre`, and the share of them that is opaque. They are given
+// by the numbers of their triangles and 1, and inverse depths.
+fn light_behind(centre: vec2f, found: vec4u, nearness: vec4f) -> vec4f {
+    var sum = vec4f(0.0);
     for (var i = 0u; i < 4u; i += 1u) {
         if found[i] == 0u {
-            sum += backdrop_at(centre) * 0.25;
+            if frame.target_near == 0.0 {
+                sum += vec4f(backdrop_at(centre), 1.0) * 0.25;
+            }
             continue;
         }
         // Each triangle is lit once, at the mean place of its samples.
@@ -120,7 +121,8 @@ fn light_behind(centre: vec2f, found: vec4u, nearness: vec4f) -> vec3f {
         }
         if is_first {
             let place = centre + (at / count + 0.5) * 0.5 - 0.5;
-            sum += of_body(surface_at(found[i] - 1u, place, near / count)) * (0.25 * count);
+            let light = of_body(surface_at(found[i] - 1u, place, near / count));
+            sum += vec4f(light, 1.0) * (0.25 * count);
         }
     }
     return sum;
@@ -145,7 +147,7 @@ fn bodies(
             found[i] = textureLoad(ids, 2u * pixel + vec2u(i & 1u, i >> 1u), 0).x;
         }
         let near = nearness_at(pixel);
-        textureStore(behind, pixel, vec4f(light_behind(centre, found, near), 1.0));
+        textureStore(behind, pixel, light_behind(centre, found, near));
         let least = min(min(near.x, near.y), min(near.z, near.w));
         // Inverse depths are not negative, so their bits have the same order.
         atomicMin(&lowest, bitcast<u32>(least));

@@ -2,8 +2,6 @@
 // two texels along each side of a pixel. The twin of `Tile::draw_triangle`.
 
 @group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(21) var<storage, read> vertices: array<Vertex>;
-@group(0) @binding(22) var<storage, read> faces: array<u32>;
 
 struct Corner {
     @builtin(position) place: vec4f,
@@ -12,9 +10,9 @@ struct Corner {
 
 // Whether all corners are finite and not too far away.
 fn is_usable(face: u32) -> bool {
-    let a = abs(vertices[faces[3u * face]].position);
-    let b = abs(vertices[faces[3u * face + 1u]].position);
-    let c = abs(vertices[faces[3u * face + 2u]].position);
+    let a = abs(place_of(face, 0u));
+    let b = abs(place_of(face, 1u));
+    let c = abs(place_of(face, 2u));
     return all(a < vec3f(1e18)) && all(b < vec3f(1e18)) && all(c < vec3f(1e18));
 }
 
@@ -25,7 +23,7 @@ fn corner(@builtin(vertex_index) index: u32) -> Corner {
         // Outside the clip volume, so that nothing is drawn.
         return Corner(vec4f(0.0, 0.0, -1.0, 1.0), face);
     }
-    let offset = vertices[faces[index]].position - frame.eye;
+    let offset = place_of(face, index % 3u) - frame.eye;
     let place = vec2f(dot(offset, frame.right), dot(offset, frame.up)) * (2.0 * frame.focal);
     // The depth is that of the near plane over the vertex's.
     return Corner(vec4f(place / vec2f(frame.size), frame.near, dot(offset, frame.forward)), face);

@@ -1,7 +1,5 @@
 // The surfaces of bodies, one thread a triangle: the twin of `deposit_solids`.
 
-@group(0) @binding(21) var<storage, read> vertices: array<Vertex>;
-@group(0) @binding(22) var<storage, read> faces: array<u32>;
 
 @compute @workgroup_size(THREADS)
 fn deposit_bodies(
@@ -13,9 +11,9 @@ fn deposit_bodies(
     if face >= frame.faces || frame.open_cell == 0.0 {
         return;
     }
-    let a = vertices[faces[3u * face]].position;
-    let u = vertices[faces[3u * face + 1u]].position - a;
-    let v = vertices[faces[3u * face + 2u]].position - a;
+    let a = place_of(face, 0u);
+    let u = place_of(face, 1u) - a;
+    let v = place_of(face, 2u) - a;
     let area = 0.5 * length(cross(u, v));
     let longest = max(length(u), max(length(v), distance(u, v)));
     let rows = clamp(ceil(longest / frame.open_cell), 1.0, 64.0);

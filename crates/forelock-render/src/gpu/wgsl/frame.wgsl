@@ -21,17 +21,13 @@ struct Frame {
     shadow_origin: vec3f,
     shadow_cell: f32,
     shadow_size: vec3u,
-    // From a particle's number to the next one's.
-    particle_stride: u32,
+    unused: u32,
     open_origin: vec3f,
     // 0 without a grid.
     open_cell: f32,
     open_size: vec3u,
     // The first value of the grid in `grids`.
     open_start: u32,
-    // The point that positions are relative to.
-    position_origin: vec3f,
-    component_stride: u32,
     // Colours behind everything, and how much darker its corners are.
     backdrop_top: vec3f,
     vignette: f32,
@@ -52,7 +48,8 @@ struct Frame {
     slices: u32,
     // Of bodies.
     vertices: u32,
-    unused: u32,
+    // Depth of the near plane of the target that is drawn over, metres; 0 without one.
+    target_near: f32,
 }
 
 // A strand or one of its children.

@@ -3,8 +3,6 @@
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(6) var<storage, read> lights: array<Light>;
 @group(0) @binding(8) var<storage, read_write> heights: array<atomic<u32>>;
-@group(0) @binding(21) var<storage, read> vertices: array<Vertex>;
-@group(0) @binding(22) var<storage, read> faces: array<u32>;
 
 fn place_in(light: Light, position: vec3f) -> vec3f {
     let offset = position - light.origin;
@@ -47,9 +45,9 @@ fn map_shadows(
     if face >= frame.faces {
         return;
     }
-    let a = vertices[faces[3u * face]].position;
-    let b = vertices[faces[3u * face + 1u]].position;
-    let c = vertices[faces[3u * face + 2u]].position;
+    let a = place_of(face, 0u);
+    let b = place_of(face, 1u);
+    let c = place_of(face, 2u);
     for (var n = 0u; n < frame.lights; n += 1u) {
         let light = lights[n];
         if light.heights != NONE {

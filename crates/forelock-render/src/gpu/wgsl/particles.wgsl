@@ -4,7 +4,6 @@
 
 // Particle `i` of the strand whose first coordinate is number `base` in `positions`.
 fn particle_from(base: u32, i: u32) -> vec3f {
-    let at = base + i * frame.particle_stride;
-    let step = frame.component_stride;
-    return vec3f(positions[at], positions[at + step], positions[at + 2u * step]) + frame.position_origin;
+    let at = base + 3u * i;
+    return vec3f(positions[at], positions[at + 1u], positions[at + 2u]);
 }

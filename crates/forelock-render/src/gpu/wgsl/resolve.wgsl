@@ -3,8 +3,10 @@
 @group(0) @binding(10) var<storage, read> radiance: array<vec2u>;
 @group(0) @binding(12) var<storage, read> offsets: array<u32>;
 @group(0) @binding(13) var<storage, read> list: array<vec2u>;
-// Bodies over the backdrop: linear light.
+// Bodies over the backdrop: linear light, and how much they hide.
 @group(0) @binding(16) var behind: texture_2d<f32>;
+// The bytes of a pixel. When drawing over a target: light and opacity as half floats, and the
+// inverse depth.
 @group(0) @binding(18) var<storage, read_write> picture: array<u32>;
 
 // A piece as a strip of pixels, relative to the centre of the tile's first pixel.
@@ -27,6 +29,8 @@ struct Strip {
 }
 
 const BATCH: u32 = 128u;
+// The largest light that is drawn over a target: half floats end at 65504.
+const MOST_LIGHT: f32 = 60000.0;
 
 var<workgroup> batch: array<Strip, BATCH>;
 var<workgroup> range: vec2u;
@@ -88,23 +92,6 @@ fn tent_integral(x: f32) -> f32 {
     return 0.5 + c - 0.5 * c * abs(c);
 }
 
-fn film_curve(colour: vec3f) -> vec3f {
-    let knee = 0.55;
-    let peak = max(colour.x, max(colour.y, colour.z));
-    if peak <= knee {
-        return colour;
-    }
-    let room = 1.0 - knee;
-    let shaped = 1.0 - room * room / (peak - knee + room);
-    let kept = colour * (shaped / peak);
-    return mix(kept, vec3f(shaped), 1.0 - 1.0 / (0.12 * (peak - shaped) + 1.0));
-}
-
-fn srgb_encode(linear: vec3f) -> vec3f {
-    let curved = 1.055 * pow(max(linear, vec3f(1e-8)), vec3f(1.0 / 2.4)) - 0.055;
-    return select(curved, linear * 12.92, linear <= vec3f(0.0031308));
-}
-
 fn shown_bytes(colour: vec3f, pixel: vec2u) -> u32 {
     let shown = srgb_encode(film_curve(max(colour, vec3f(0.0)) * frame.exposure));
     let place = vec2f(pixel);
@@ -133,6 +120,8 @@ fn resolve(
         bodies = nearness_at(pixel);
     }
     let nearest = max(max(bodies.x, bodies.y), max(bodies.z, bodies.w));
+    // The inverse depth at which the strands hide half of what is behind them.
+    var surface = 0.0;
     var gathered = vec3f(0.0);
     var through = select(0.0, 1.0, inside);
     for (var first = own.x; first < own.y; first += BATCH) {
@@ -174,7 +163,9 @@ fn resolve(
             if coverage > 0.0 {
                 let t = clamp(along / length, 0.0, 1.0);
                 gathered += mix(batch[i].light, batch[i].other_light, t) * (through * coverage);
+                let before = through;
                 through *= 1.0 - coverage;
+                surface = select(surface, depth, before > 0.5 && through <= 0.5);
             }
         }
         if through > OPAQUE {
@@ -189,12 +180,25 @@ fn resolve(
         }
     }
     if inside {
-        var colour = gathered;
+        let index = pixel.y * frame.size.x + pixel.x;
+        var colour = vec4f(gathered, 1.0 - through);
         if through <= OPAQUE {
             colour /= 1.0 - through;
         } else {
-            colour += through * textureLoad(behind, pixel, 0).xyz;
+            colour += through * textureLoad(behind, pixel, 0);
         }
-        picture[pixel.y * frame.size.x + pixel.x] = shown_bytes(colour, pixel);
+        if frame.target_near == 0.0 {
+            picture[index] = shown_bytes(colour.xyz, pixel);
+            return;
+        }
+        if surface == 0.0 && colour.w >= 0.5 {
+            surface = nearest;
+        }
+        let light = colour.xyz * frame.exposure;
+        // A comparison with what is no number is false.
+        let usable = select(vec3f(0.0), min(light, vec3f(MOST_LIGHT)), light > vec3f(0.0));
+        picture[3u * index] = pack2x16float(usable.xy);
+        picture[3u * index + 1u] = pack2x16float(vec2f(usable.z, colour.w));
+        picture[3u * index + 2u] = bitcast<u32>(surface);
     }
 }

@@ -164,3 +164,22 @@ fn hidden_curves_have_no_pieces() {
     // 2,000 of 5,200 curves are left.
     assert!(fewer * 5 < all * 2 + all / 20, "{fewer} of {all}");
 }
+
+/// Strands of one particle, which are never drawn, do not keep attributes from staying on the
+/// device.
+#[test]
+#[cfg_attr(not(gpu), ignore = "needs a GPU")]
+fn attributes_stay_beside_strands_that_are_too_short() {
+    let (mut points, mut offsets) = mane(60, 0.1);
+    points.push(Vec3::ONE);
+    offsets.push(points.len() as u32);
+    let moved: Vec<Vec3> = points.iter().map(|p| *p + Vec3::X * 0.01).collect();
+    let camera = Camera::framing((Vec3::splat(-0.2), Vec3::splat(0.2)), 0.3, 0.2);
+    let of =
+        |points| Scene::new(Vec::new(), vec![Strands::new(points, &offsets, HairColour::BLONDE)], camera);
+    let settings = Settings { width: 80, height: 70, ..Settings::default() };
+    let mut both = Both { keeps: renderer(), forgets: renderer(), before: None };
+    let first = both.agree("hair", &of(&points), &settings);
+    let second = both.agree("moved hair", &of(&moved), &settings);
+    assert!(second * 5 < first * 4, "{second} of {first} bytes");
+}

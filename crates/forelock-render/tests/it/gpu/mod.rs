@@ -4,6 +4,8 @@ mod agreement;
 mod coverage;
 mod kept;
 mod lists;
+mod over;
+mod shared;
 mod target;
 
 use forelock_gpu::{Choice, Gpu};

@@ -7,19 +7,20 @@ use super::{gpu, renderer};
 use forelock_render::{Camera, HairColour, Scene, Settings, Strands};
 use glam::Vec3;
 
-const SIDE: u32 = 64;
+pub const SIDE: u32 = 64;
 
 /// The bytes of a texture of `SIDE` × `SIDE` pixels.
-fn read(texture: &wgpu::Texture) -> Vec<u8> {
+pub fn read(texture: &wgpu::Texture) -> Vec<u8> {
     let gpu = gpu();
+    let pixel = texture.format().block_copy_size(None).unwrap();
     let staging = gpu.device().create_buffer(&wgpu::BufferDescriptor {
         label: None,
-        size: u64::from(4 * SIDE * SIDE),
+        size: u64::from(pixel * SIDE * SIDE),
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     });
     let layout =
-        wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * SIDE), rows_per_image: None };
+        wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(pixel * SIDE), rows_per_image: None };
     let mut encoder = gpu.device().create_command_encoder(&Default::default());
     let target = wgpu::TexelCopyBufferInfo { buffer: &staging, layout };
     encoder.copy_texture_to_buffer(texture.as_image_copy(), target, texture.size());
@@ -30,7 +31,9 @@ fn read(texture: &wgpu::Texture) -> Vec<u8> {
 }
 
 /// A target of `SIDE` × `SIDE` pixels.
-fn texture(format: wgpu::TextureFormat) -> wgpu::Texture {
+pub fn texture(format: wgpu::TextureFormat) -> wgpu::Texture {
+    let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+    let bound = if format.is_depth_stencil_format() { wgpu::TextureUsages::TEXTURE_BINDING } else { usage };
     gpu().device().create_texture(&wgpu::TextureDescriptor {
         label: None,
         size: wgpu::Extent3d { width: SIDE, height: SIDE, depth_or_array_layers: 1 },
@@ -38,7 +41,7 @@ fn texture(format: wgpu::TextureFormat) -> wgpu::Texture {
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+        usage: usage | bound,
         view_formats: &[],
     })
 }
