@@ -284,7 +284,8 @@ pub struct RenderArgs {
 
 #[derive(Debug, Args)]
 pub struct ViewArgs {
-    /// A scene file (.toml), the cache of a run (.npz) or a groom [default: the scene of `demo`].
+    /// A scene file (.toml), the cache of a run (.npz) or a groom [default: the scene of `demo`,
+    /// which plays].
     #[arg(value_name = "SCENE|CACHE|GROOM")]
     pub input: Option<PathBuf>,
     /// Change one key of the scene, as in `--set solver.kind=dftl`; may be repeated.

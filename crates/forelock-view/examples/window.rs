@@ -15,6 +15,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let sets = sets.map(|set| Override::set(&set)).collect::<Result<Vec<_>, _>>()?;
     let scene = Scene::builtin(&sets)?;
     let screenshot = Some((picture.into(), secs));
-    let options = Options { opened: scene.into(), backend: Backend::Cpu, draw: Backend::Auto, screenshot };
+    let opened = scene.into();
+    let options = Options { opened, backend: Backend::Cpu, draw: Backend::Auto, plays: false, screenshot };
     Ok(forelock_view::run(options).map_err(|error| error.to_string())?)
 }

@@ -39,7 +39,9 @@ pub struct Options {
     pub backend: Backend,
     /// What draws the hair; [`Backend::Auto`]: a graphics card if there is one.
     pub draw: Backend,
-    /// Write a picture of the window to this file after some seconds, and close it.
+    /// Whether it plays at once.
+    pub plays: bool,
+    /// Play, write a picture of the window to this file after some seconds, and close it.
     pub screenshot: Option<(PathBuf, f64)>,
 }
 
@@ -72,6 +74,9 @@ pub fn run(options: Options) -> Result<(), ViewError> {
     let told = failure.clone();
     let create = move |cc: &eframe::CreationContext<'_>| {
         let mut app = App::new(cc, options.opened, options.backend, options.draw);
+        if options.plays {
+            app.session().play(true);
+        }
         app.take_screenshot(options.screenshot, told);
         Ok(Box::new(app) as Box<dyn eframe::App>)
     };

@@ -8,8 +8,8 @@
 use forelock::player::Moment;
 use forelock::scene::ShapeKind;
 use forelock_core::groom::edit::{
-    Ball, Clump, Comb, Curl, Cut, CutShape, Density, Edit, Lengthen, Operation, Pull, Selection, Smooth,
-    Straighten, Stroke,
+    Ball, Clump, Comb, Curl, Cut, CutShape, Density, Edit, Lengthen, Mirror, Operation, Pull, Selection,
+    Smooth, Straighten, Stroke,
 };
 use forelock_render::Camera;
 use glam::{Vec2, Vec3};
@@ -52,11 +52,13 @@ pub enum Brush {
     Thin,
     /// Averages neighbours.
     Smooth,
+    /// Makes one side of the head, x above or below 0, the image of the other.
+    Mirror,
 }
 
 impl Tool {
     /// All tools with their names and what they do.
-    pub const ALL: [(Self, &'static str, &'static str); 16] = [
+    pub const ALL: [(Self, &'static str, &'static str); 17] = [
         (Self::Look, "Look", "Drag to turn the camera"),
         (Self::Head, "Head", "Drag to move the head, with shift to turn it"),
         (Self::Push(ShapeKind::Sphere), "Ball", "Drag a ball through the hair"),
@@ -73,6 +75,7 @@ impl Tool {
         (Self::Brush(Brush::Thicken), "Thicken", "Click to add strands"),
         (Self::Brush(Brush::Thin), "Thin", "Click to remove strands"),
         (Self::Brush(Brush::Smooth), "Smooth", "Click to smooth hair"),
+        (Self::Brush(Brush::Mirror), "Mirror", "Click on a side to make the other one its image"),
     ];
 
     /// Its name on its button.
@@ -134,6 +137,7 @@ impl Brush {
         let mut points: Vec<Vec3> = picked.iter().filter_map(|&i| rest.get(i).copied()).collect();
         points.dedup_by(|a, b| a.distance(*b) < 1e-4);
         let last = *points.last()?;
+        let root = root_of(moment, *picked.last()?)?;
         let operation = match self {
             Self::Cut => {
                 // A click cuts too.
@@ -156,11 +160,11 @@ impl Brush {
             Self::Thicken => Operation::Density(Density { factor: 1.0 + strength, ..Density::default() }),
             Self::Thin => Operation::Density(Density { factor: 1.0 - strength, ..Density::default() }),
             Self::Smooth => Operation::Smooth(Smooth { amount: strength, ..Smooth::default() }),
+            Self::Mirror => Operation::Mirror(Mirror { normal: Vec3::X.copysign(root), ..Mirror::default() }),
         };
-        let by_roots = !matches!(self, Self::Cut | Self::Comb | Self::Attract | Self::Repel);
+        let by_roots = !matches!(self, Self::Cut | Self::Comb | Self::Attract | Self::Repel | Self::Mirror);
         let only = if by_roots {
-            let centre = root_of(moment, *picked.last()?)?;
-            Selection { sphere: Some(Ball { centre, radius }), ..Selection::default() }
+            Selection { sphere: Some(Ball { centre: root, radius }), ..Selection::default() }
         } else {
             Selection::default()
         };

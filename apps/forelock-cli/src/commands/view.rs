@@ -12,7 +12,9 @@ pub fn view(arguments: &ViewArgs) -> anyhow::Result<()> {
     };
     let screenshot = arguments.screenshot.clone().map(|path| (path, arguments.after));
     let [backend, draw] = [arguments.backend, arguments.draw].map(Into::into);
-    Ok(forelock_view::run(forelock_view::Options { opened, backend, draw, screenshot })?)
+    // What was named is first looked at as it is.
+    let plays = arguments.input.is_none();
+    Ok(forelock_view::run(forelock_view::Options { opened, backend, draw, plays, screenshot })?)
 }
 
 /// Says how to get a window.

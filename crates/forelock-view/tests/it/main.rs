@@ -22,6 +22,7 @@ use forelock::scene::{Override, SolverKind};
 use forelock::session::{Phase, Status};
 use forelock::{Assets, Backend, Scene};
 use forelock_view::App;
+use glam::Vec3;
 
 /// The longest that anything may take.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -247,6 +248,52 @@ fn a_cut_is_undone_redone_saved_and_read_back() {
     window.drop_file(&path);
     window.until("the scene is read", |app| app.session().status().phase == Phase::Ready && app.frame() == 0);
     assert_eq!(Some(replayed.groom), window.groom());
+}
+
+#[test]
+fn a_click_makes_one_side_the_image_of_the_other() {
+    let mut window = Window::open(scene(&[]));
+    window.until("there is a picture", App::has_picture);
+    window.harness.key_press(Key::Num1);
+    window.harness.run_steps(2);
+    // From the front the head's left is to the right.
+    for (place, side) in [(0.6, 1.0), (0.4, -1.0)] {
+        let before = window.groom().unwrap();
+        window.click("Mirror");
+        let place = Vec2::new(place, 0.25);
+        window.drag(place, place);
+        window.harness.state().session().wait();
+        let after = window.groom().unwrap();
+        assert_ne!(after, before, "{side}");
+        let roots = |groom: &Groom, side: f32| -> Vec<Vec3> {
+            groom.strands().map(|strand| strand[0]).filter(|root| root.x * side > 0.0).collect()
+        };
+        assert_eq!(roots(&after, side), roots(&before, side));
+        // Images are brought out of the head, which is not quite symmetric.
+        let (sources, images) = (roots(&after, side), roots(&after, -side));
+        assert_eq!(sources.len(), images.len());
+        assert!(sources.iter().zip(&images).all(|(p, image)| p.with_x(-p.x).distance(*image) < 1e-4));
+        window.harness.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+        window.harness.run_steps(2);
+        assert_eq!(window.groom().unwrap(), before);
+    }
+}
+
+/// The window is made larger, smaller, and minimised, which leaves no pixels.
+#[test]
+fn the_window_can_have_any_size() {
+    let mut window = Window::open(scene(&["body.motion=builtin:turn"]));
+    window.click("Play");
+    for size in [[1600.0, 1000.0], [480.0, 320.0], [300.0, 20.0], [0.0, 0.0], [1100.0, 760.0]] {
+        window.harness.set_size(size.into());
+        window.harness.run_steps(4);
+        if size[1] > 100.0 {
+            let before = window.harness.state().pictures();
+            window.until("there are pictures", move |app| app.pictures() > before + 1);
+        }
+    }
+    window.until_two_more_frames();
+    assert_eq!(window.status().error, None);
 }
 
 #[test]
