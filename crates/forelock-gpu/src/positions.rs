@@ -29,6 +29,10 @@ pub struct DevicePositions {
     pub buffers: Vec<wgpu::Buffer>,
     /// Where strands are in the buffers.
     pub blocks: Vec<DeviceBlock>,
+    /// Where the particles of the groom are: for each buffer, and each particle in it, the index of
+    /// its x in the buffer and its own index in the groom. y and z follow at a distance of
+    /// [`STRIDE`](Self::STRIDE). Some solvers have particles between them, which are not there.
+    pub places: Vec<Vec<[u32; 2]>>,
 }
 
 /// Sixteen strands in a buffer of [`DevicePositions`].
@@ -58,8 +62,19 @@ impl DevicePositions {
                 live: block.live,
             }));
         }
-        let buffers = batches.iter().map(|batch| batch.positions.clone()).collect();
-        Self { origin, buffers, blocks }
+        let buffers: Vec<_> = batches.iter().map(|batch| batch.positions.clone()).collect();
+        let mut places = vec![Vec::new(); buffers.len()];
+        for block in &blocks {
+            for (lane, &strand) in block.strands[..block.live].iter().enumerate() {
+                let from = model.groom_offset(strand as usize);
+                let own = (0..block.particles).step_by(model.every as usize).enumerate();
+                places[block.buffer].extend(own.map(|(p, i)| {
+                    let x = LANES * 3 * (block.first + i) + lane;
+                    [x as u32, (from + p) as u32]
+                }));
+            }
+        }
+        Self { origin, buffers, blocks, places }
     }
 
     /// From the index of a coordinate to that of the next one, float32 numbers.
@@ -78,26 +93,6 @@ pub struct PendingPositions {
 }
 
 impl GpuSimulation {
-    /// Where the particles of the groom are in the buffers of [`positions`](Self::positions): for
-    /// each buffer, and each particle in it, the index of its x in the buffer and its own index in
-    /// the groom. y and z follow at a distance of [`DevicePositions::STRIDE`]. It does not change
-    /// from frame to frame.
-    pub fn places(&self) -> Vec<Vec<[u32; 2]>> {
-        let every = self.model.every as usize;
-        let mut places = vec![Vec::new(); self.positions.buffers.len()];
-        for block in &self.positions.blocks {
-            for (lane, &strand) in block.strands[..block.live].iter().enumerate() {
-                let from = self.model.groom_offset(strand as usize);
-                let own = (0..block.particles).step_by(every).enumerate();
-                places[block.buffer].extend(own.map(|(p, i)| {
-                    let x = LANES * 3 * (block.first + i) + lane;
-                    [x as u32, (from + p) as u32]
-                }));
-            }
-        }
-        places
-    }
-
     /// Begins to copy the positions after the last submitted frame, and does not wait.
     /// [`GpuSimulation::try_read`] finishes it, in a later frame or from a browser's loop.
     pub fn begin_read(&self) -> PendingPositions {

@@ -105,8 +105,8 @@ fn shared(gpu: &Gpu, simulation: &GpuSimulation) -> Result<SharedPositions, GpuR
     let mut shared = SharedPositions::new(on_device.origin.as_vec3());
     // How far hair may swing out of the box around its rest shape, metres.
     shared.margin = 0.1;
-    for (buffer, places) in on_device.buffers.iter().zip(simulation.places()) {
-        shared.add(gpu.device(), buffer, DevicePositions::STRIDE, &places)?;
+    for (buffer, places) in on_device.buffers.iter().zip(&on_device.places) {
+        shared.add(gpu.device(), buffer, DevicePositions::STRIDE, places)?;
     }
     Ok(shared)
 }

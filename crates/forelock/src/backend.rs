@@ -118,9 +118,10 @@ pub(crate) struct Placed {
 
 impl Backend {
     /// The simulator of `groom` on this backend, ready for `solids` as the colliders of its first
-    /// frame.
+    /// frame. A GPU is `own`, or the fastest.
     pub(crate) fn place(
         self,
+        own: Option<Gpu>,
         groom: &Groom,
         parts: &Parts<'_>,
         options: &Options,
@@ -128,7 +129,7 @@ impl Backend {
     ) -> Result<Placed, PlayerError> {
         let mut note = None;
         if self != Self::Cpu {
-            match self.on_gpu(groom, parts, options, solids) {
+            match self.on_gpu(own, groom, parts, options, solids) {
                 Ok(placed) => return Ok(placed),
                 Err(PlayerError::Gpu(error)) if self == Self::Auto => {
                     note = Some(format!("on the CPU: {error}"));
@@ -142,6 +143,7 @@ impl Backend {
 
     fn on_gpu(
         self,
+        own: Option<Gpu>,
         groom: &Groom,
         parts: &Parts<'_>,
         options: &Options,
@@ -151,7 +153,7 @@ impl Backend {
         if parts.learned.is_some() && !from.is_first() {
             return Err(NeuralError::GpuFrom.into());
         }
-        let gpu = Gpu::open(&Choice::Fastest)?;
+        let gpu = own.map_or_else(|| Gpu::open(&Choice::Fastest), Ok)?;
         // A processor that emulates a GPU is slower than the solver on the CPU.
         if gpu.is_software() && self == Self::Auto {
             return Err(GpuError::None { reason: format!("{} is software", gpu.name()) }.into());

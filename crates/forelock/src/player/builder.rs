@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use forelock_core::groom::guides::Skinning;
 use forelock_core::simulation::{BuildError, check_memory};
 use forelock_core::solver::Solver;
+use forelock_gpu::Gpu;
 
 use super::bending::Bending;
 use super::engine::{Engine, Solvers, Start};
@@ -24,6 +25,7 @@ pub struct PlayerBuilder {
     scene: Arc<Scene>,
     assets: Option<Arc<Assets>>,
     backend: Backend,
+    gpu: Option<Gpu>,
     history: Option<HistoryOptions>,
     solvers: Solvers,
 }
@@ -34,6 +36,7 @@ impl PlayerBuilder {
             scene,
             assets: None,
             backend: Backend::default(),
+            gpu: None,
             history: Some(HistoryOptions::default()),
             solvers: Solvers::default(),
         }
@@ -49,6 +52,12 @@ impl PlayerBuilder {
     #[must_use]
     pub fn backend(self, backend: Backend) -> Self {
         Self { backend, ..self }
+    }
+
+    /// Simulates on `gpu`, an engine's device ([`Gpu::from_device`]), in place of one of its own.
+    #[must_use]
+    pub fn gpu(self, gpu: Gpu) -> Self {
+        Self { gpu: Some(gpu), backend: Backend::Gpu, ..self }
     }
 
     /// How many states of the past are kept. Default [`HistoryOptions::default`].
@@ -108,7 +117,7 @@ impl PlayerBuilder {
     /// The same errors as [`PlayerBuilder::build`].
     pub fn build_observed(self, observer: &mut Observer<'_>) -> Result<Player, PlayerError> {
         static PLAYERS: AtomicU64 = AtomicU64::new(0);
-        let Self { scene, assets, backend, history, solvers } = self;
+        let Self { scene, assets, backend, gpu, history, solvers } = self;
         let assets = match assets {
             Some(assets) => assets,
             None => {
@@ -130,7 +139,7 @@ impl PlayerBuilder {
         let start = Start { head: live.head_at, solids: &solids };
         let bends_on_cpu = bending.is_some() && backend == Backend::Auto;
         let backend = if bends_on_cpu { Backend::Cpu } else { backend };
-        let (mut engine, note) = Engine::new(&scene, groom, &live.setting.parts(), backend, start)?;
+        let (mut engine, note) = Engine::new(&scene, groom, &live.setting.parts(), backend, gpu, start)?;
         drop(solids);
         if let Some(bending) = &mut bending
             && let Some(frames) = bending.at(&assets, [0.0; 2], false).roots.at_start()

@@ -14,6 +14,7 @@ use forelock_core::pose::Pose;
 use forelock_core::simulation::{BuildError, Options};
 use forelock_core::simulator::Simulator;
 use forelock_core::solver::Solver;
+use forelock_gpu::Gpu;
 use glam::DVec3;
 
 use super::PlayerError;
@@ -80,13 +81,15 @@ pub(super) struct Engine {
 }
 
 impl Engine {
-    /// The simulator of `groom` at rest on `backend`, with the head at `head` and `solids` as the
-    /// colliders of the first frame, and what the user should know of the choice of the backend.
+    /// The simulator of `groom` at rest on `backend` (its GPU is `gpu`, or the fastest), with the
+    /// head at `head` and `solids` as the colliders of the first frame, and what the user should
+    /// know of the choice of the backend.
     pub fn new(
         scene: &Scene,
         groom: &Groom,
         parts: &Parts<'_>,
         backend: Backend,
+        gpu: Option<Gpu>,
         start: Start<'_>,
     ) -> Result<(Self, Option<String>), PlayerError> {
         let options = Options {
@@ -98,7 +101,7 @@ impl Engine {
             beyond_float32: scene.solver.beyond_float32,
             sleep_speed: scene.solver.sleep_speed,
         };
-        let Placed { simulator, place, note } = backend.place(groom, parts, &options, start.solids)?;
+        let Placed { simulator, place, note } = backend.place(gpu, groom, parts, &options, start.solids)?;
         let engine = Self { simulator, place, options };
         engine.check_step(parts.solver, 1.0 / scene.time.fps, scene.solver.beyond_float32)?;
         Ok((engine, note))

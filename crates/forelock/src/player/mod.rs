@@ -66,6 +66,7 @@ use forelock_core::groom::Groom;
 use forelock_core::groom::guides::Skinning;
 use forelock_core::pose::Pose;
 use forelock_core::strands::{Between, Snapshot};
+use forelock_gpu::DevicePositions;
 use glam::{DVec3, Vec3};
 
 pub use builder::PlayerBuilder;
@@ -181,6 +182,23 @@ impl Player {
     /// Time of a frame, seconds.
     pub fn secs_of(&self, frame: u32) -> f64 {
         self.live.frame_secs(frame)
+    }
+
+    /// The positions of the present frame on the GPU that simulates them, for renderers that share
+    /// its device ([`PlayerBuilder::gpu`]), in the layout of [`Player::groom`]. None on a CPU, with
+    /// guides, after edits that change the layout, and between two steps of the simulation (above
+    /// 60 frames a second); [`positions`](Self::positions) has them then.
+    ///
+    /// # Errors
+    /// [`PlayerError`] if the device has failed.
+    pub fn device_positions(&mut self) -> Result<Option<&DevicePositions>, PlayerError> {
+        let Self { engine, live, skinning, .. } = self;
+        let clock = live.own_clock.filter(|clock| clock.done > 0);
+        let is_between = clock.is_some_and(|clock| clock.share(live.shown_secs()) < 1.0);
+        if is_between || skinning.is_some() || live.grooming.nearest().is_some() {
+            return Ok(None);
+        }
+        Ok(engine.simulator().positions()?.device())
     }
 
     /// All strands at the present frame, those that guides carry included: positions in world

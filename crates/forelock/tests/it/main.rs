@@ -14,6 +14,7 @@ mod rates_agree;
 mod readme;
 mod real_grooms;
 mod renderer;
+mod shared_device;
 mod sleep;
 mod teleports;
 mod training;

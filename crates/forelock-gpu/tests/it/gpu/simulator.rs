@@ -184,6 +184,13 @@ fn positions_stay_on_the_device() {
             }
         }
     }
+    let mut placed = vec![Vec3::NAN; waited.len()];
+    for [x, particle] in shared.places.iter().flatten() {
+        let (row, lane) = ((x / 16) as usize, (x % 16) as usize);
+        let relative = Vec3::from_array([0, 1, 2].map(|c| state.positions[row + c].0[lane]));
+        placed[*particle as usize] = (shared.origin + relative.as_dvec3()).as_vec3();
+    }
+    assert_eq!(placed, waited);
     for number in 0..3 {
         same.step_frame(&frame(f64::from(number) * DT, &Pose::IDENTITY)).unwrap();
     }

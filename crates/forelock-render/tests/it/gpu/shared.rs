@@ -173,8 +173,8 @@ fn is_drawn_without_a_read_back(solver: impl Into<Solver<f32>>) {
     let read = renderer.render(&scene(&positions), &settings).unwrap();
     let on_device = simulation.positions();
     let mut shared = SharedPositions::new(on_device.origin.as_vec3());
-    for (buffer, places) in on_device.buffers.iter().zip(simulation.places()) {
-        shared.add(gpu().device(), buffer, DevicePositions::STRIDE, &places).unwrap();
+    for (buffer, places) in on_device.buffers.iter().zip(&on_device.places) {
+        shared.add(gpu().device(), buffer, DevicePositions::STRIDE, places).unwrap();
     }
     shared.margin = 0.1;
     renderer.share(0, Some(shared));
