@@ -4,13 +4,14 @@
     tools/window-work.py FORELOCK [SECONDS]
 
 Opens `FORELOCK view --draw gpu` (built with `--features view`) on the demo, on a display without a
-screen (Xvfb), and samples its threads with perf for SECONDS (30). The window's own work is what the
-program does in its main thread, which draws the widgets, and all that the thread `artist` does, which
-prepares pictures of the hair, except for the graphics driver: on a software Vulkan that does the work
-of a graphics card. Simulation is in other threads.
+screen (Xvfb), and samples its threads with perf for SECONDS (30). The window's own work is that of its
+main thread, which draws the widgets, and of the thread `artist`, which prepares pictures of the hair,
+without the graphics driver: on a software Vulkan that does the work of a graphics card. Simulation is
+in other threads.
 """
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -23,18 +24,21 @@ RATE = 999
 BEGIN_SECS = 30
 
 
-def pictures(log):
-    return log.read_text(encoding="utf-8").count(" picture ")
+def counts_in(log):
+    """Pictures of hair so far, and repaints of the window."""
+    text = log.read_text(encoding="utf-8")
+    return text.count(" picture "), text.count(" repaint")
 
 
-def samples(recording):
-    """Samples by thread and program or library."""
-    script = ["perf", "script", "-i", recording, "-F", "comm,ip,dso", "--no-inline"]
+def samples(recording, pid):
+    """Samples by thread and program or library; the main thread is "main"."""
+    script = ["perf", "script", "-i", recording, "-F", "comm,tid,ip,dso", "--no-inline"]
+    text = subprocess.run(script, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True).stdout
     counts = Counter()
-    for line in subprocess.run(script, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True).stdout.splitlines():
-        comm, _, rest = line.strip().partition("  ")
+    for line in text.splitlines():
+        comm, tid, rest = re.match(r"\s*(.*?)\s+(\d+)\s+(.*)", line).groups()
         library = rest[rest.rfind("(") + 1 : rest.rfind(")")]
-        counts[comm.strip(), Path(library).name] += 1
+        counts["main" if tid == str(pid) else comm, Path(library).name] += 1
     return counts
 
 
@@ -56,16 +60,16 @@ def main():
             log = Path(folder) / "log"
             # Plays until after the measurement.
             shot = ["--screenshot", f"{folder}/window.png", "--after", str(BEGIN_SECS + 2 * seconds)]
-            environment = dict(os.environ, DISPLAY=f":{number}", RUST_LOG="forelock_view=debug")
+            environment = dict(os.environ, DISPLAY=f":{number}", RUST_LOG="forelock_view=trace")
             with open(log, "w", encoding="utf-8") as out:
                 window = subprocess.Popen([forelock, "view", "--draw", "gpu", *shot], env=environment, stderr=out)
             time.sleep(BEGIN_SECS)
-            before = pictures(log)
+            before = counts_in(log)
             recording = f"{folder}/perf.data"
             perf = ["perf", "record", "-q", "-e", "cpu-clock", "-F", str(RATE), "-p", str(window.pid)]
             subprocess.run([*perf, "-o", recording, "--", "sleep", str(seconds)], check=True)
-            drawn = pictures(log) - before
-            counts = samples(recording)
+            drawn, repainted = (now - then for now, then in zip(counts_in(log), before))
+            counts = samples(recording, window.pid)
     finally:
         if window:
             window.terminate()
@@ -73,18 +77,23 @@ def main():
         display.terminate()
     if drawn < 3:
         sys.exit(f"only {drawn} pictures were drawn")
-    name = Path(forelock).name
-    print(f"{drawn} pictures in {seconds:.0f} s\n")
-    print("| thread | in | ms a picture |\n| --- | --- | ---: |")
+    print(f"{drawn} pictures and {repainted} repaints in {seconds:.0f} s\n")
+    print("| thread | in | ms in all |\n| --- | --- | ---: |")
     for (comm, library), count in counts.most_common(16):
-        print(f"| {comm} | {library} | {1e3 * count / RATE / drawn:.2f} |")
-    def is_own(comm, library):
-        by_driver = library.startswith(("libvulkan", "libLLVM", "perf-", "nvidia"))
-        return (comm, library) == (name, name) or (comm == "artist" and not by_driver)
+        print(f"| {comm} | {library} | {1e3 * count / RATE:.0f} |")
 
-    own = sum(count for key, count in counts.items() if is_own(*key))
-    ms = 1e3 * own / RATE / drawn
-    print(f"\nown work: {ms:.2f} ms a picture, {3 * ms:.1f} % of a core at 30 pictures a second")
+    def own_ms(thread, times):
+        """Milliseconds of the thread without the driver, each time."""
+
+        def by_driver(library):
+            return library.startswith(("libvulkan", "libLLVM", "perf-")) or "nvidia" in library
+
+        own = sum(count for (comm, library), count in counts.items() if comm == thread and not by_driver(library))
+        return 1e3 * own / RATE / times
+
+    picture, repaint = own_ms("artist", drawn), own_ms("main", repainted)
+    print(f"\nown work: {picture:.2f} ms a picture and {repaint:.2f} ms a repaint,")
+    print(f"{3 * (picture + repaint):.1f} % of a core for 30 of both a second")
 
 
 if __name__ == "__main__":

@@ -282,6 +282,28 @@ pub struct RenderArgs {
     pub at: Vec<f64>,
 }
 
+/// What draws the hair of the window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Draw {
+    /// The CPU.
+    Cpu,
+    /// The device of the window, even if it is emulated by the CPU, which takes seconds a picture.
+    Gpu,
+    /// A graphics card if there is one, otherwise the CPU.
+    Auto,
+}
+
+#[cfg(feature = "view")]
+impl From<Draw> for forelock::Backend {
+    fn from(draw: Draw) -> Self {
+        match draw {
+            Draw::Cpu => Self::Cpu,
+            Draw::Gpu => Self::Gpu,
+            Draw::Auto => Self::Auto,
+        }
+    }
+}
+
 #[derive(Debug, Args)]
 pub struct ViewArgs {
     /// A scene file (.toml), the cache of a run (.npz) or a groom [default: the scene of `demo`,
@@ -294,9 +316,9 @@ pub struct ViewArgs {
     /// The processor that runs the simulation.
     #[arg(long, value_enum, default_value_t = Backend::Cpu)]
     pub backend: Backend,
-    /// The processor that draws the hair; with `auto` a graphics card, or the CPU.
-    #[arg(long, value_enum, default_value_t = Backend::Auto)]
-    pub draw: Backend,
+    /// The processor that draws the hair.
+    #[arg(long, value_enum, default_value_t = Draw::Auto)]
+    pub draw: Draw,
     /// Play, write a picture of the window to this file after `--after` seconds, and close it.
     #[arg(long, value_name = "FILE")]
     pub screenshot: Option<PathBuf>,

@@ -5,6 +5,7 @@ use crate::{GpuError, GpuSimulation};
 use forelock_core::lane::{LANES, Row};
 use forelock_core::strands::{Model, world_positions};
 use glam::{DVec3, Vec3};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The positions of all strands on the device.
@@ -33,6 +34,9 @@ pub struct DevicePositions {
     /// its x in the buffer and its own index in the groom. y and z follow at a distance of
     /// [`STRIDE`](Self::STRIDE). Some solvers have particles between them, which are not there.
     pub places: Vec<Vec<[u32; 2]>>,
+    /// Another number whenever buffers and places are other ones: after edits, changes of the
+    /// solver, and going back over either.
+    pub revision: u64,
 }
 
 /// Sixteen strands in a buffer of [`DevicePositions`].
@@ -74,7 +78,8 @@ impl DevicePositions {
                 }));
             }
         }
-        Self { origin, buffers, blocks, places }
+        static REVISIONS: AtomicU64 = AtomicU64::new(1);
+        Self { origin, buffers, blocks, places, revision: REVISIONS.fetch_add(1, Ordering::Relaxed) }
     }
 
     /// From the index of a coordinate to that of the next one, float32 numbers.

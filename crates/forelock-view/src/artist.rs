@@ -4,9 +4,9 @@
 //! # Practice
 //! The window asks for a picture in every repaint; the newest request counts. On a graphics card
 //! the renderer draws into a texture of the window's device. Without one, or with a driver that
-//! runs on the CPU, the CPU draws. While the picture changes it has as many pixels as can be drawn
-//! in time; when it stands still it is drawn once more in full. On the CPU half of the processors
-//! draw, and the simulation has the others.
+//! runs on the CPU, the CPU draws, unless a device is asked for. While the picture changes it has
+//! as many pixels as can be drawn in time; when it stands still it is drawn once more in full. On
+//! the CPU half of the processors draw, and the simulation has the others.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};

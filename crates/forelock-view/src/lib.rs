@@ -8,7 +8,7 @@
 //!
 //! # Limitations
 //! Files are opened by path, from a list of the folder, or by drop; there is no file dialog of the
-//! system. The window shows neither contacts nor the grid.
+//! system. Contacts and the grid are shown of simulations on the CPU only.
 
 mod app;
 mod artist;

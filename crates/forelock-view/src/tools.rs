@@ -52,7 +52,7 @@ pub enum Brush {
     Thin,
     /// Averages neighbours.
     Smooth,
-    /// Makes one side of the head, x above or below 0, the image of the other.
+    /// Makes the hair that is rooted on one side of the plane x = 0 the image of the other side's.
     Mirror,
 }
 
@@ -75,7 +75,11 @@ impl Tool {
         (Self::Brush(Brush::Thicken), "Thicken", "Click to add strands"),
         (Self::Brush(Brush::Thin), "Thin", "Click to remove strands"),
         (Self::Brush(Brush::Smooth), "Smooth", "Click to smooth hair"),
-        (Self::Brush(Brush::Mirror), "Mirror", "Click on a side to make the other one its image"),
+        (
+            Self::Brush(Brush::Mirror),
+            "Mirror",
+            "Click on hair left or right of x = 0 to make the other side its image",
+        ),
     ];
 
     /// Its name on its button.
@@ -124,6 +128,11 @@ impl Default for BrushSize {
 }
 
 impl Brush {
+    /// Whether its radius counts.
+    pub fn has_radius(self) -> bool {
+        self != Self::Mirror
+    }
+
     /// Whether the path of the stroke counts; else only where it ends.
     pub fn follows_path(self) -> bool {
         matches!(self, Self::Cut | Self::Comb)
@@ -160,7 +169,13 @@ impl Brush {
             Self::Thicken => Operation::Density(Density { factor: 1.0 + strength, ..Density::default() }),
             Self::Thin => Operation::Density(Density { factor: 1.0 - strength, ..Density::default() }),
             Self::Smooth => Operation::Smooth(Smooth { amount: strength, ..Smooth::default() }),
-            Self::Mirror => Operation::Mirror(Mirror { normal: Vec3::X.copysign(root), ..Mirror::default() }),
+            Self::Mirror => {
+                let side = 1.0_f32.copysign(root.x);
+                // A copy of a groom beside the plane would be off the head.
+                let is_on_both = moment.groom().strands().any(|strand| strand[0].x * side < 0.0);
+                let normal = Vec3::new(side, 0.0, 0.0);
+                is_on_both.then(|| Operation::Mirror(Mirror { normal, ..Mirror::default() }))?
+            }
         };
         let by_roots = !matches!(self, Self::Cut | Self::Comb | Self::Attract | Self::Repel | Self::Mirror);
         let only = if by_roots {

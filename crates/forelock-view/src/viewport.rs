@@ -258,7 +258,9 @@ impl Viewport {
         if let Some(Drag::Stroke { points, .. }) = &self.drag {
             painter.add(egui::Shape::line(points.clone(), stroke));
         }
-        if let (Tool::Brush(_), Some(pos)) = (self.tool(), response.hover_pos()) {
+        if let (Tool::Brush(brush), Some(pos)) = (self.tool(), response.hover_pos())
+            && brush.has_radius()
+        {
             let point_metres = 2.0 * self.orbit.distance * (0.5 * self.orbit.camera().fov_y).tan()
                 / response.rect.width().min(response.rect.height()).max(1.0);
             painter.circle_stroke(pos, self.brush.radius / point_metres, stroke);

@@ -58,7 +58,7 @@ pub use run::{
 };
 pub use scene::Scene;
 pub use summary::Summary;
-pub use {forelock_core as core, forelock_io as io, forelock_render as render};
+pub use {forelock_core as core, forelock_gpu as gpu, forelock_io as io, forelock_render as render};
 
 /// The README's examples, run as tests.
 #[cfg(doctest)]

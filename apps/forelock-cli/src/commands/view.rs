@@ -11,7 +11,7 @@ pub fn view(arguments: &ViewArgs) -> anyhow::Result<()> {
         Some(path) => forelock_view::read(path, &overrides).map_err(anyhow::Error::msg)?,
     };
     let screenshot = arguments.screenshot.clone().map(|path| (path, arguments.after));
-    let [backend, draw] = [arguments.backend, arguments.draw].map(Into::into);
+    let (backend, draw) = (arguments.backend.into(), arguments.draw.into());
     // What was named is first looked at as it is.
     let plays = arguments.input.is_none();
     Ok(forelock_view::run(forelock_view::Options { opened, backend, draw, plays, screenshot })?)

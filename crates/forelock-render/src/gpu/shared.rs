@@ -1,24 +1,33 @@
 //! Positions that are on the device already.
 
+use std::sync::Arc;
+
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 use super::GpuRenderError;
 use super::stages::{FRAME, module, most_bound, workgroups_for};
 
+/// The largest number of particles of a group.
+const MOST_PARTICLES: u32 = 1 << 27;
+/// The largest margin, metres.
+const MOST_MARGIN: f32 = 100.0;
+
 /// Positions of a group of strands that are on the device already, in buffers of what simulates
 /// them there, for [`GpuRenderer::share`](super::GpuRenderer::share).
 #[derive(Clone, Debug, Default)]
 pub struct SharedPositions {
     /// The point that positions are relative to, world space, metres. Simulations move it, so it
-    /// must be set anew after each frame.
+    /// must be set anew after each frame. If a simulation gets other buffers, all is made anew.
     pub origin: Vec3,
-    /// How far strands may be outside the box of the positions in the scene, metres. Outside of it
-    /// they cast no shadows on each other.
+    /// How far strands may be outside the box of the positions in the scene, 0 (default) to 100
+    /// metres. Farther out they cast no shadows on each other; the larger the box, the coarser the
+    /// shadows.
     pub margin: f32,
     parts: Vec<Part>,
-    /// Which particles have been added.
-    known: Vec<bool>,
+    /// Which particles have been added, and how many.
+    known: Arc<Vec<bool>>,
+    count: usize,
 }
 
 /// Particles in one buffer.
@@ -63,10 +72,13 @@ impl SharedPositions {
             }
         }
         let numbers = positions.size() / 4;
-        let mut known = self.known.clone();
+        let mut known = self.known.to_vec();
         for [x, particle] in places.iter().copied() {
             if u64::from(x) + 2 * u64::from(stride) >= numbers {
                 return wrong(format!("particle {particle} at {x} is beyond the buffer's {numbers} numbers"));
+            }
+            if particle >= MOST_PARTICLES {
+                return wrong(format!("there is no particle {particle}: at most {MOST_PARTICLES}"));
             }
             let index = particle as usize;
             if known.len() <= index {
@@ -89,13 +101,17 @@ impl SharedPositions {
         buffer.unmap();
         let count = places.len() as u32;
         self.parts.push(Part { positions: positions.clone(), places: buffer, count, stride });
-        self.known = known;
+        (self.known, self.count) = (known.into(), self.count + places.len());
         Ok(())
     }
 
     /// Checks that all of `particles` particles of group number `group` have been added.
     pub(super) fn check(&self, group: usize, particles: usize) -> Result<(), GpuRenderError> {
-        let found = self.known.iter().filter(|known| **known).count();
+        let found = self.count;
+        if !(0.0..=MOST_MARGIN).contains(&self.margin) {
+            let margin = self.margin;
+            return Err(GpuRenderError::Shared(format!("`margin` is {margin}, not in 0 to {MOST_MARGIN} m")));
+        }
         if found == particles && self.known.len() == particles {
             return Ok(());
         }

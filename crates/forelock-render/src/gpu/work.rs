@@ -171,8 +171,8 @@ impl GpuRenderer {
     /// Draws the last picture once more, without preparing and uploading it again.
     ///
     /// # Errors
-    /// [`GpuRenderError::Failed`] if nothing or what [`render_over`](Self::render_over) drew is the
-    /// last, or the device failed;
+    /// [`GpuRenderError::Failed`] if nothing has been drawn, or the last was by
+    /// [`render_over`](Self::render_over), or the device failed;
     /// [`GpuRenderError::TooLarge`] if it has no room.
     pub fn redraw(&mut self) -> Result<Image, GpuRenderError> {
         let mut frame = self.frame.ok_or_else(|| failed("there is no picture to draw again"))?;
@@ -208,8 +208,10 @@ impl GpuRenderer {
     }
 
     /// Draws `scene` over what `target` holds, and does not wait: strands and bodies, without the
-    /// backdrop. What is nearer there hides them. Its depth becomes theirs where they hide at least
-    /// half of a pixel. The next call reads the report of this frame.
+    /// backdrop. What is nearer there hides them. A head is drawn either by the engine or as a body
+    /// of the scene, whose shadow is on the hair, not by both, since their depths are nearly equal.
+    /// Its depth becomes theirs where they hide at least half of a pixel. The next call reads the
+    /// report of this frame.
     ///
     /// # Errors
     /// [`GpuRenderError::Target`] if `target` does not fit; else the same errors as

@@ -33,6 +33,16 @@ pub(super) struct Screenshot {
     failure: Arc<Mutex<Option<String>>>,
 }
 
+/// What ends the scene that is open.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Wish {
+    Close,
+    File(PathBuf),
+    Demo,
+    /// What has been loaded is shown.
+    Next,
+}
+
 /// A scene that is being loaded while another one is shown.
 pub(super) struct Next {
     session: Session,
@@ -86,13 +96,10 @@ impl App {
             }
         }
         if let Some(path) = self.recent_files.show(ui) {
-            self.open_asking(ui.ctx(), path);
+            self.ask_for(ui.ctx(), Wish::File(path));
         }
         if ui.button("Demo").clicked() {
-            match Scene::builtin(&[]) {
-                Ok(scene) => self.load(ui.ctx(), scene.into()),
-                Err(error) => self.message = Some((error.to_string(), true)),
-            }
+            self.ask_for(ui.ctx(), Wish::Demo);
             ui.close();
         }
         if ui.button("Quit").clicked() {
@@ -121,6 +128,11 @@ impl App {
         let status = next.session.status();
         match status.phase {
             Phase::Loading => self.next = Some(next),
+            // Changed since it was asked for.
+            Phase::Ready if self.is_changed() => {
+                self.next = Some(next);
+                self.pending.get_or_insert(Wish::Next);
+            }
             Phase::Failed => {
                 self.message = status.error.map(|error| (error, true));
                 drop_elsewhere(next);
@@ -137,6 +149,8 @@ impl App {
                 self.change = ChangePanel::default();
                 self.times = Times::default();
                 (self.framed, self.changes, self.saved) = (None, 0, 0);
+                // What the other session still writes out is not of this scene.
+                self.scenes = Arc::default();
                 (self.scene, self.cache, self.file) = (scene, cache, file);
                 self.recent = [None, None];
                 self.keeps_motion = false;
@@ -215,7 +229,7 @@ impl App {
             match (answer, dialog.purpose) {
                 (Answer::Open, _) => self.dialog = Some(dialog),
                 (Answer::Cancelled, _) => {}
-                (Answer::Path(path), Purpose::Open) => self.open_asking(ctx, path),
+                (Answer::Path(path), Purpose::Open) => self.ask_for(ctx, Wish::File(path)),
                 (Answer::Path(path), Purpose::Save) => self.ask_for_scene(SceneFor::File(path, self.changes)),
                 (Answer::Path(path), Purpose::Bake) => {
                     self.ask_for_scene(SceneFor::Bake(path, dialog.has_film));
@@ -234,12 +248,12 @@ impl App {
             }
         }
         let closing = ctx.input(|input| input.viewport().close_requested());
-        if closing && self.is_changed() && !self.asks && self.screenshot.is_none() {
+        if closing && self.is_changed() && self.screenshot.is_none() {
             ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
-            (self.asks, self.pending) = (true, None);
+            self.pending = Some(Wish::Close);
         }
-        if self.asks {
-            self.ask_to_lose(ctx);
+        if let Some(wish) = self.pending.take() {
+            self.ask_to_lose(ctx, wish);
         }
     }
 
@@ -248,37 +262,55 @@ impl App {
         self.changes != self.saved
     }
 
-    pub(super) fn open_asking(&mut self, ctx: &egui::Context, path: PathBuf) {
-        if self.is_changed() {
-            (self.asks, self.pending) = (true, Some(path));
-        } else {
-            self.open(ctx, &path);
+    /// Does what ends the scene that is open, once the user agrees to lose changes.
+    pub(super) fn ask_for(&mut self, ctx: &egui::Context, wish: Wish) {
+        if self.is_changed() { self.pending = Some(wish) } else { self.grant(ctx, wish) }
+    }
+
+    fn grant(&mut self, ctx: &egui::Context, wish: Wish) {
+        match wish {
+            Wish::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
+            Wish::File(path) => self.open(ctx, &path),
+            Wish::Demo => match Scene::builtin(&[]) {
+                Ok(scene) => {
+                    self.load(ctx, scene.into());
+                    self.next.iter().for_each(|next| next.session.play(true));
+                }
+                Err(error) => self.message = Some((error.to_string(), true)),
+            },
+            // It is taken over in the next repaint.
+            Wish::Next => {}
         }
     }
 
-    fn ask_to_lose(&mut self, ctx: &egui::Context) {
+    fn ask_to_lose(&mut self, ctx: &egui::Context, wish: Wish) {
+        let mut answer = None;
         egui::Modal::new(egui::Id::new("lose")).show(ctx, |ui| {
             ui.heading("There are changes that are not saved");
             ui.horizontal(|ui| {
-                if ui.button("Lose them").clicked() {
-                    (self.asks, self.saved) = (false, self.changes);
-                    match self.pending.take() {
-                        Some(path) => self.open(ctx, &path),
-                        None => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
+                for (text, loses) in [("Lose them", true), ("Go back", false)] {
+                    if ui.button(text).clicked() {
+                        answer = Some(loses);
                     }
-                }
-                if ui.button("Go back").clicked() {
-                    (self.asks, self.pending) = (false, None);
                 }
             });
         });
+        match answer {
+            None => self.pending = Some(wish),
+            Some(true) => {
+                self.saved = self.changes;
+                self.grant(ctx, wish);
+            }
+            Some(false) if wish == Wish::Next => self.next.take().into_iter().for_each(drop_elsewhere),
+            Some(false) => {}
+        }
     }
 
     /// Opens a file that was dropped on the window.
     pub(super) fn drops(&mut self, ctx: &egui::Context) {
         let dropped = ctx.input(|input| input.raw.dropped_files.first().and_then(|file| file.path.clone()));
         if let Some(path) = dropped {
-            self.open_asking(ctx, path);
+            self.ask_for(ctx, Wish::File(path));
         }
     }
 
@@ -294,7 +326,12 @@ impl App {
         if let Some(image) = taken {
             let result = write_screenshot(&wanted.path, &image);
             let path = wanted.path.display().to_string();
-            if let Err(message) = &result {
+            // The picture of a window in which nothing could be opened is written all the same.
+            let opening = match (&self.message, status.phase) {
+                (Some((message, true)), Phase::Failed) => Err(message.clone()),
+                _ => Ok(()),
+            };
+            if let Err(message) = result.as_ref().and(opening.as_ref()) {
                 *wanted.failure.lock().unwrap_or_else(PoisonError::into_inner) = Some(message.clone());
             }
             self.screenshot = None;

@@ -14,7 +14,7 @@ use forelock::{Backend, Scene};
 
 mod documents;
 
-use documents::{Next, SceneFor, Screenshot};
+use documents::{Next, SceneFor, Screenshot, Wish};
 
 use crate::artist::{Artist, Picture, Wanted};
 use crate::measure::Measure;
@@ -100,10 +100,8 @@ pub struct App {
     /// Changes by the user, and how many of them are saved.
     changes: u64,
     saved: u64,
-    /// Whether to ask before the window closes.
-    asks: bool,
-    /// A file to open once the user has agreed to lose changes.
-    pending: Option<PathBuf>,
+    /// What is done once the user has agreed to lose changes.
+    pending: Option<Wish>,
     screenshot: Option<Screenshot>,
 }
 
@@ -175,7 +173,6 @@ impl App {
             scenes: Arc::default(),
             changes: 0,
             saved: 0,
-            asks: false,
             pending: None,
             screenshot: None,
             scene,
@@ -229,6 +226,8 @@ impl App {
 
     /// Draws the window and passes orders on.
     pub fn show(&mut self, ui: &mut egui::Ui) {
+        // `tools/window-work.py` counts this and pictures.
+        tracing::trace!("repaint");
         let ctx = ui.ctx().clone();
         self.take_next();
         self.session.ask(Asked { grid: self.has_grid, ..self.measure.asks() });
@@ -496,7 +495,6 @@ impl App {
         };
         self.shown = Some(shown);
         self.pictures += 1;
-        // Counted by `tools/window-work.py`.
         tracing::debug!("picture {} took {:.1} ms", self.pictures, drawn.ms);
         self.shown_at.retain(|at| at.elapsed() <= RATED);
         self.shown_at.push(Instant::now());

@@ -65,3 +65,41 @@ fn what_the_panel_changes_is_unsaved_work() {
         window.until("the other scene is open", is_other);
     }
 }
+
+#[test]
+fn the_demo_is_asked_about_too() {
+    let mut window = Window::open(scene(&[]));
+    window.click("shake");
+    window.choose("File", "Demo");
+    window.click("Go back");
+    assert!(!window.harness.state().is_loading());
+}
+
+#[test]
+fn changes_while_another_scene_loads_are_asked_about() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("slow.toml");
+    std::fs::write(&path, scene(&["groom.strands=4000", "interaction.kind=none"]).to_toml()).unwrap();
+    let mut window = Window::open(scene(&[]));
+    for (answer, strands) in [("Go back", 80), ("Lose them", 4000)] {
+        window.drop_file(&path);
+        assert!(window.harness.state().is_loading());
+        window.click("shake");
+        assert!(window.harness.state().is_loading(), "loaded before the change");
+        let started = std::time::Instant::now();
+        while window.harness.query_by_label(answer).is_none() {
+            window.harness.step();
+            assert!(started.elapsed() < crate::PATIENCE, "it does not ask");
+        }
+        // The dialog finds its place.
+        window.harness.run_steps(3);
+        window.click(answer);
+        window.until("nothing loads", |app| !app.is_loading());
+        let moment = window.harness.state().session().moment().unwrap();
+        assert_eq!(moment.groom().strand_count(), strands, "{answer}");
+        // The changes of the scene that stays are asked about again.
+        if answer == "Go back" {
+            window = Window::open(scene(&[]));
+        }
+    }
+}

@@ -54,7 +54,9 @@ impl PlayerBuilder {
         Self { backend, ..self }
     }
 
-    /// Simulates on `gpu`, an engine's device ([`Gpu::from_device`]), in place of one of its own.
+    /// Simulates on `gpu`, an engine's device ([`Gpu::from_device`]), in place of one of its own,
+    /// and sets the backend to [`Backend::Gpu`]. [`Player::step`] waits for the device, for its
+    /// report.
     #[must_use]
     pub fn gpu(self, gpu: Gpu) -> Self {
         Self { gpu: Some(gpu), backend: Backend::Gpu, ..self }

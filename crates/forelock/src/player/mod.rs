@@ -186,8 +186,10 @@ impl Player {
 
     /// The positions of the present frame on the GPU that simulates them, for renderers that share
     /// its device ([`PlayerBuilder::gpu`]), in the layout of [`Player::groom`]. None on a CPU, with
-    /// guides, after edits that change the layout, and between two steps of the simulation (above
-    /// 60 frames a second); [`positions`](Self::positions) has them then.
+    /// guides, after cuts, and if the frame does not end with a step of the simulation, as at rates
+    /// that do not divide 60 (`time.fps`); [`positions`](Self::positions) has them then. After a
+    /// change of the solver, an edit, seeking or undoing they may be in other buffers
+    /// ([`DevicePositions::revision`]).
     ///
     /// # Errors
     /// [`PlayerError`] if the device has failed.
@@ -195,7 +197,7 @@ impl Player {
         let Self { engine, live, skinning, .. } = self;
         let clock = live.own_clock.filter(|clock| clock.done > 0);
         let is_between = clock.is_some_and(|clock| clock.share(live.shown_secs()) < 1.0);
-        if is_between || skinning.is_some() || live.grooming.nearest().is_some() {
+        if is_between || skinning.is_some() || !live.grooming.shows_simulated() {
             return Ok(None);
         }
         Ok(engine.simulator().positions()?.device())

@@ -154,6 +154,12 @@ impl Grooming {
         differs.then(|| self.places.iter().map(nearest))
     }
 
+    /// Whether the particles that are shown are those that are simulated, one by one.
+    pub fn shows_simulated(&self) -> bool {
+        let is_same = |(i, own): (usize, &Place)| own.particle as usize == i && own.fraction == 0.0;
+        self.nearest().is_none() || self.places.iter().enumerate().all(is_same)
+    }
+
     /// Positions in the layout that is shown, of those that `simulated` writes; `buffer` is
     /// scratch.
     pub fn positions(

@@ -1,8 +1,9 @@
 //! A scene on the device of an engine.
 
 use forelock::Scene;
+use forelock::core::groom::edit::{Density, Operation, Smooth, Trim};
 use forelock::player::Player;
-use forelock::scene::Override;
+use forelock::scene::{Override, SolverKind};
 use forelock_gpu::{Choice, DevicePositions, Gpu};
 use glam::{DVec3, Vec3};
 
@@ -64,13 +65,50 @@ fn positions_that_are_not_on_the_device_are_not_shared() -> Result<(), AnyError>
     let gpu = Gpu::open(&Choice::Fastest)?;
     let mut guided = Player::builder(scene(&["groom.guides=20"])?).gpu(gpu.clone()).build()?;
     assert!(guided.device_positions()?.is_none());
-    let mut between = Player::builder(scene(&["time.fps=240"])?).gpu(gpu).build()?;
-    between.step()?;
-    assert!(between.device_positions()?.is_none());
-    for _ in 0..3 {
-        between.step()?;
+    // A step is a sixtieth of a second: frame 1 of 24 a second ends in the middle of one.
+    for (fps, has_first) in [("time.fps=240", false), ("time.fps=24", false), ("time.fps=30", true)] {
+        let mut player = Player::builder(scene(&[fps])?).gpu(gpu.clone()).build()?;
+        player.step()?;
+        assert_eq!(player.device_positions()?.is_some(), has_first, "{fps}");
+        for _ in 0..3 {
+            player.step()?;
+        }
+        assert!(player.device_positions()?.is_some(), "{fps}");
     }
-    assert!(between.device_positions()?.is_some());
+    Ok(())
+}
+
+/// Edits that keep particles, or show their own, keep them; other buffers have another revision.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn edits_and_changes_of_the_solver_are_noticed() -> Result<(), AnyError> {
+    let gpu = Gpu::open(&Choice::Fastest)?;
+    let mut player = Player::builder(scene(&[])?).gpu(gpu.clone()).build()?;
+    player.step()?;
+    let revision = |player: &mut Player| -> Result<u64, AnyError> {
+        Ok(player.device_positions()?.ok_or("there are none")?.revision)
+    };
+    let first = revision(&mut player)?;
+    player.step()?;
+    assert_eq!(revision(&mut player)?, first);
+    player.edit(Operation::Density(Density { factor: 0.5, ..Density::default() }))?;
+    let edited = revision(&mut player)?;
+    assert_ne!(edited, first);
+    let mut positions = Vec::new();
+    player.positions(&mut positions)?;
+    assert_eq!(positions.len(), player.groom().particle_count());
+    let shared = player.device_positions()?.ok_or("there are none")?;
+    assert_eq!(read(&gpu, shared, positions.len())?, positions);
+    let mut solver = player.solver().clone();
+    solver.kind = SolverKind::Dftl;
+    player.set_params(&solver)?;
+    assert_ne!(revision(&mut player)?, edited);
+
+    let mut player = Player::builder(scene(&[])?).gpu(gpu).build()?;
+    player.edit(Operation::Smooth(Smooth::default()))?;
+    assert!(player.device_positions()?.is_some());
+    player.edit(Operation::Trim(Trim { to: 0.05, ..Trim::default() }))?;
+    assert!(player.device_positions()?.is_none());
     Ok(())
 }
 

@@ -141,6 +141,11 @@ fn positions_that_are_not_the_groups_are_refused() {
     own.add(&device, &storage, 1, &[[0, 600]]).unwrap();
     renderer.share(0, Some(own));
     is_refused(renderer.render(&scene, &settings()).unwrap_err(), "but 501 were added");
+    let mut own = shared(&points, Vec3::ZERO);
+    is_refused(own.add(&device, &storage, 1, &[[0, u32::MAX]]).unwrap_err(), "no particle 4294967295");
+    own.margin = f32::NAN;
+    renderer.share(0, Some(own));
+    is_refused(renderer.render(&scene, &settings()).unwrap_err(), "`margin` is NaN");
 }
 
 /// A simulation and a renderer share a device: what is drawn is what a read-back shows.
