@@ -75,8 +75,8 @@ def main():
             window.terminate()
             window.wait()
         display.terminate()
-    if drawn < 3:
-        sys.exit(f"only {drawn} pictures were drawn")
+    if drawn < 3 or not repainted:
+        sys.exit(f"only {drawn} pictures were drawn, in {repainted} repaints")
     print(f"{drawn} pictures and {repainted} repaints in {seconds:.0f} s\n")
     print("| thread | in | ms in all |\n| --- | --- | ---: |")
     for (comm, library), count in counts.most_common(16):
