@@ -12,6 +12,31 @@ use crate::strands::{AIR_ROWS, Block, BlockChannels, BlockView, Model, Scratch, 
 use glam::DVec3;
 use std::sync::{Mutex, PoisonError};
 
+/// Stretch of an edge from which it counts as stretched by colliders. The length pass leaves less,
+/// so it would change edges below it by rounding only.
+const STRETCHED: f64 = 2e-5;
+
+/// What has happened to the edges of each block since the last substep.
+#[derive(Debug)]
+pub(crate) struct EdgeFlags {
+    /// Whether an interaction has moved them.
+    pub moved: Vec<bool>,
+    /// Whether colliders have stretched them after the length pass.
+    stretched: Vec<bool>,
+}
+
+impl EdgeFlags {
+    /// Of so many blocks, in which nothing has happened.
+    pub fn new(blocks: usize) -> Self {
+        Self { moved: vec![false; blocks], stretched: vec![false; blocks] }
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        self.moved.len() + self.stretched.len()
+    }
+}
+
 /// Runs consecutive strand steps on all blocks. Threads halve the list of blocks recursively;
 /// nothing is allocated, and no result depends on which thread ran which block.
 #[derive(Debug)]
@@ -35,23 +60,26 @@ pub(crate) struct Crew<'a, T> {
 }
 
 impl<T: SolverReal> Crew<'_, T> {
-    /// Runs `steps`, all of strands that are awake; edges are restored after interactions only if
-    /// one `moved` them. Where stillness is measured, `start` holds the positions at the frame's
-    /// start.
+    /// Runs `steps`, all of strands that are awake. If an interaction has `moved` edges of a block,
+    /// edges are restored there, and in the blocks that colliders have stretched since. Where
+    /// stillness is measured, `start` holds the positions at the frame's start.
     pub fn run(
         &self,
         steps: &[Step],
-        moved: bool,
+        edges: &mut EdgeFlags,
         state: &mut State<T>,
         start: &mut [Row<T>],
     ) -> BlockReport {
         let substeps = steps.iter().take_while(|step| step.is_of_substep()).count();
         let (substeps, rest) = steps.split_at(substeps);
-        let work = BlockWork { substeps, finish: Finish::of(rest, self.cx.substeps, moved) };
-        if substeps.is_empty() && !work.finish.is_any() {
+        let finish = [false, true].map(|moved| Finish::of(rest, self.cx.substeps, moved));
+        let EdgeFlags { moved, stretched } = edges;
+        let any_moved = moved.contains(&true);
+        let work = BlockWork { substeps, finish, moved, any_moved };
+        if substeps.is_empty() && !finish.iter().any(|own| own.is_any()) {
             return BlockReport::default();
         }
-        self.halve(&work, &self.model.blocks, 0, Arrays::of(state, start))
+        self.halve(&work, &self.model.blocks, 0, Arrays::of(state, start, stretched))
     }
 
     fn halve(
@@ -85,6 +113,10 @@ impl<T: SolverReal> Crew<'_, T> {
         arrays: Arrays<'_, T>,
     ) -> BlockReport {
         let [still_secs] = arrays.still_secs else { return BlockReport::default() };
+        let [stretched] = arrays.stretched else { return BlockReport::default() };
+        *stretched &= work.substeps.is_empty();
+        let restores = work.any_moved && (work.moved[index] || *stretched);
+        let finish = work.finish[usize::from(restores)];
         let begins = work.substeps.contains(&Step::Solve { substep: 0 });
         if sleeps(still_secs) {
             if begins {
@@ -133,11 +165,14 @@ impl<T: SolverReal> Crew<'_, T> {
         if !work.substeps.is_empty() {
             report = self.solver.advance(&self.cx, work.substeps, &mut view, block.live, &mut scratch);
         }
-        if work.finish.is_any() {
-            let after = T::run(&work.finish, &self.cx, &mut view, block.live, &mut scratch);
-            report = report.finished(after, work.finish.lengths || work.finish.collides);
+        if finish.is_any() {
+            let after = T::run(&finish, &self.cx, &mut view, block.live, &mut scratch);
+            if finish.lengths {
+                *stretched = after.max_edge_stretch_final > STRETCHED;
+            }
+            report = report.finished(after, finish.lengths || finish.collides);
         }
-        if let Some(stillness) = self.stillness.filter(|_| work.finish.checks) {
+        if let Some(stillness) = self.stillness.filter(|_| finish.checks) {
             let BlockView { positions, velocities, previous, clearance, .. } = &mut view;
             let mut rows = RestRows { positions, velocities, previous, clearance };
             stillness.advance(still_secs, arrays.start, &mut rows);
@@ -163,7 +198,13 @@ fn shift<T: Real>(positions: &mut [Row<T>], shift: DVec3) {
 /// What is to be done with a block.
 struct BlockWork<'a> {
     substeps: &'a [Step],
-    finish: Finish,
+    /// The steps after substeps: of blocks whose edges are as the length pass left them, and of the
+    /// others, if an interaction moved any.
+    finish: [Finish; 2],
+    /// As of [`EdgeFlags`].
+    moved: &'a [bool],
+    /// Whether any of `moved` is set.
+    any_moved: bool,
 }
 
 /// The state's arrays, or the part of them that some blocks own.
@@ -177,12 +218,14 @@ struct Arrays<'a, T> {
     extra: BlockChannels<'a, T>,
     /// A row a block.
     still_secs: &'a mut [Row<T>],
+    /// As of [`EdgeFlags`].
+    stretched: &'a mut [bool],
     /// Empty, or as long as the positions.
     start: &'a mut [Row<T>],
 }
 
 impl<'a, T: Real> Arrays<'a, T> {
-    fn of(state: &'a mut State<T>, start: &'a mut [Row<T>]) -> Self {
+    fn of(state: &'a mut State<T>, start: &'a mut [Row<T>], stretched: &'a mut [bool]) -> Self {
         Self {
             positions: &mut state.positions,
             velocities: &mut state.velocities,
@@ -191,6 +234,7 @@ impl<'a, T: Real> Arrays<'a, T> {
             previous: &mut state.previous,
             extra: state.extra.all(),
             still_secs: &mut state.sleep.still_secs,
+            stretched,
             start,
         }
     }
@@ -205,10 +249,21 @@ impl<'a, T: Real> Arrays<'a, T> {
         let (previous, previous_right) = self.previous.split_at_mut(remembered);
         let (extra, extra_right) = self.extra.split_at(places);
         let (still_secs, still_secs_right) = self.still_secs.split_at_mut(blocks);
+        let (stretched, stretched_right) = self.stretched.split_at_mut(blocks);
         let recorded = (3 * places).min(self.start.len());
         let (start, start_right) = self.start.split_at_mut(recorded);
         (
-            Self { positions, velocities, integrity, clearance, previous, extra, still_secs, start },
+            Self {
+                positions,
+                velocities,
+                integrity,
+                clearance,
+                previous,
+                extra,
+                still_secs,
+                stretched,
+                start,
+            },
             Self {
                 positions: positions_right,
                 velocities: velocities_right,
@@ -217,6 +272,7 @@ impl<'a, T: Real> Arrays<'a, T> {
                 previous: previous_right,
                 extra: extra_right,
                 still_secs: still_secs_right,
+                stretched: stretched_right,
                 start: start_right,
             },
         )

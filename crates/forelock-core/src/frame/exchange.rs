@@ -62,13 +62,15 @@ pub trait Interaction<T>: Debug + Send + Sync {
     }
 
     /// Exchanges momentum between strands, and adds what it did and the times of its stages to
-    /// `report`. Returns whether it moved edges ([`Moves::Edges`](super::plan::Moves::Edges)).
+    /// `report`. One that moves edges ([`Moves::Edges`](super::plan::Moves::Edges)) sets the flags
+    /// of the blocks in which it did, `moved`.
     fn exchange(
         &mut self,
         cx: &ExchangeContext<'_, T>,
         state: &mut State<T>,
+        moved: &mut [bool],
         report: &mut FrameReport,
-    ) -> bool;
+    );
 
     /// An exchange that comes earlier in the frame, if it has one; both have the same name.
     fn early_exchange(&self) -> Option<Exchange> {

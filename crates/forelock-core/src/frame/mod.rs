@@ -23,7 +23,7 @@ pub use crate::strands::{Channel, ChannelKind, LaneGroup};
 pub use acceleration::{ACCELERATION_WGSL, Acceleration, LATTICE};
 pub use cells::{GridCell, GridCells};
 pub use context::{FrameContext, Substep};
-pub(crate) use crew::Crew;
+pub(crate) use crew::{Crew, EdgeFlags};
 pub(crate) use exchange::shared_secs;
 pub use exchange::{ExchangeContext, Interaction, with_motion};
 pub use input::{Air, FrameInput, fractions};

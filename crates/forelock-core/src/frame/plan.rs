@@ -26,7 +26,7 @@ pub enum Moves {
     Velocities,
     /// Positions a little: solvers whose lengths are exact after every step restore them once more.
     Particles,
-    /// Positions, and it says each frame whether it moved any: edges are restored if it did.
+    /// Positions, and it says each frame in which blocks: edges are restored there.
     Edges,
 }
 
@@ -115,7 +115,8 @@ pub enum Step {
         /// The substeps since the last one, or all of the frame.
         span: Span,
     },
-    /// The same, if an interaction before it moved edges since the last substep.
+    /// The same, where an interaction before it moved edges since the last substep; if there is such
+    /// a block, also where colliders have stretched edges since the length pass.
     RestoreIfMoved {
         /// As of [`Step::RestoreLengths`].
         span: Span,
@@ -124,7 +125,7 @@ pub enum Step {
     CollideFinal {
         /// As of [`Step::RestoreLengths`].
         span: Span,
-        /// Not if [`Step::RestoreIfMoved`] has resolved them.
+        /// Not where [`Step::RestoreIfMoved`] has resolved them.
         unless_moved: bool,
     },
     /// Stretch is measured; strands that are not finite are put back to rest.

@@ -57,6 +57,13 @@ impl Simd {
         }
         [Self::Avx512, Self::Avx2].into_iter().find(|s| s.is_supported()).unwrap_or(Self::Portable)
     }
+
+    /// The best that the processor has with at most eight lanes: for functions that turn rows of
+    /// lanes into registers of eight numbers and back, where loads of sixteen lanes would wait for
+    /// two stores.
+    pub(crate) fn up_to_eight() -> Self {
+        if Self::Avx2.is_supported() { Self::Avx2 } else { Self::Portable }
+    }
 }
 
 /// Runs `f` with the processor's AVX2, if it has it. Only what is inlined into `f` is compiled for

@@ -6,8 +6,8 @@ use crate::air::sample_air::AirTerms;
 use crate::air::{Canopy, PlacedHair, Wake, WindField};
 use crate::collide::resolve_solids::SolidPose;
 use crate::frame::{
-    BlockReport, Crew, ExchangeContext, FrameContext, FrameInput, FramePlan, FrameReport, Interaction,
-    PlannedStep, Roots, SolverReal, Span, Step, Stillness, fractions, pack_frames,
+    BlockReport, Crew, EdgeFlags, ExchangeContext, FrameContext, FrameInput, FramePlan, FrameReport,
+    Interaction, PlannedStep, Roots, SolverReal, Span, Step, Stillness, fractions, pack_frames,
 };
 use crate::lane::Row;
 use crate::params::ParamsError;
@@ -33,8 +33,7 @@ pub(super) struct Workspace<T> {
     acceleration: Vec<Row<T>>,
     /// Consecutive steps of strands.
     steps: Vec<Step>,
-    /// Whether an interaction has moved edges in the current frame.
-    moved: bool,
+    edges: EdgeFlags,
     pub sleeper: Sleeper<T>,
 }
 
@@ -51,7 +50,7 @@ impl<T: SolverReal> Workspace<T> {
             exposure: Vec::new(),
             acceleration: Vec::new(),
             steps: Vec::new(),
-            moved: false,
+            edges: EdgeFlags::new(model.blocks.len()),
             sleeper: Sleeper::default(),
         }
     }
@@ -60,6 +59,7 @@ impl<T: SolverReal> Workspace<T> {
     pub fn fit(&mut self, model: &Model<T>) {
         self.scratch = scratch(model);
         self.canopy = Canopy::default();
+        self.edges = EdgeFlags::new(model.blocks.len());
         self.acceleration.clear();
         self.sleeper.forget();
     }
@@ -73,6 +73,7 @@ impl<T: SolverReal> Workspace<T> {
             + size_of_val(&*self.solid_poses)
             + size_of_val(&*self.exposure)
             + size_of_val(&*self.acceleration)
+            + self.edges.bytes()
             + self.wake.bytes()
             + self.canopy.bytes()
             + self.sleeper.bytes()
@@ -158,7 +159,7 @@ impl<T: SimulationReal> Simulation<T> {
             exposure,
             acceleration,
             steps: run,
-            moved,
+            edges,
             sleeper,
         } = &mut self.workspace;
         let cx = FrameContext {
@@ -224,7 +225,7 @@ impl<T: SimulationReal> Simulation<T> {
                         if interaction.early_exchange() == Some(own) {
                             interaction.exchange_early(&exchange, &mut self.state, &mut report);
                         } else {
-                            *moved |= interaction.exchange(&exchange, &mut self.state, &mut report);
+                            interaction.exchange(&exchange, &mut self.state, &mut edges.moved, &mut report);
                         }
                         if sleeping > 0 {
                             sleeper.release(&self.model, &mut self.state, speed, dt_secs);
@@ -234,10 +235,12 @@ impl<T: SimulationReal> Simulation<T> {
                 _ => {
                     run.clear();
                     run.extend(chunk.iter().map(|own| own.step));
-                    *moved &= !run.iter().any(|step| matches!(step, Step::Solve { .. }));
+                    if run.iter().any(|step| matches!(step, Step::Solve { .. })) {
+                        edges.moved.fill(false);
+                    }
                     // Positions are moved there by the first of these steps.
                     self.state.origin = origin;
-                    let found = crew.run(run, *moved, &mut self.state, &mut sleeper.start);
+                    let found = crew.run(run, edges, &mut self.state, &mut sleeper.start);
                     crew.cx.shift = DVec3::ZERO;
                     sum = Some(sum.map_or(found, |sum| sum.then(&found)));
                 }

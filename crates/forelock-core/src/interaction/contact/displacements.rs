@@ -1,6 +1,6 @@
 //! Displacement of every particle in a frame, in the frame of the head.
 
-use crate::lane::{LANES, Lane, Real, Row, Simd, on};
+use crate::lane::{LANES, Lane, Real, Row, Simd, V3, on};
 use crate::pose::Pose;
 use crate::strands::Model;
 use glam::Vec3;
@@ -26,8 +26,9 @@ pub(super) const ORIGIN: Place = [Row([0.0; LANES]); 3];
 pub(crate) struct Displacements {
     start: Vec<Place>,
     end: Vec<Place>,
-    /// Length of the displacement of each particle relative to the mean motion, metres; by number.
-    pub residual_motion: Vec<f32>,
+    /// Length of the displacement of each particle relative to the mean motion, metres; a row a
+    /// place.
+    pub residual_motion: Vec<Row<f32>>,
     /// Bounding boxes of the positions at the start and at the end that are not [`FAR`] from the
     /// centre of the model, `[low, high]`.
     boxes: [[Vec3; 2]; 2],
@@ -40,13 +41,12 @@ pub(crate) struct Displacements {
 impl Displacements {
     pub fn new<T: Real>(model: &Model<T>) -> Self {
         let block = model.block_of_places();
-        let particles = LANES * model.places();
         let lengths = model.rest_lengths.iter().step_by(3).flat_map(|row| row.0);
         let longest = lengths.filter_map(|l| l.to_f32()).fold(0.0, f32::max);
         Self {
             start: vec![ORIGIN; model.places()],
             end: vec![ORIGIN; model.places()],
-            residual_motion: vec![0.0; particles],
+            residual_motion: vec![Row([0.0; LANES]); model.places()],
             boxes: [EMPTY; 2],
             block,
             longest,
@@ -55,7 +55,7 @@ impl Displacements {
 
     pub fn bytes(&self) -> usize {
         let places = self.start.capacity() + self.end.capacity();
-        places * size_of::<Place>() + 4 * (self.residual_motion.capacity() + self.block.capacity())
+        places * size_of::<Place>() + size_of_val(&*self.residual_motion) + 4 * self.block.capacity()
     }
 
     pub fn record_start<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], head: &Pose) {
@@ -102,12 +102,26 @@ impl Displacements {
         [&self.start[place], &self.end[place]]
     }
 
+    /// The larger residual motion of the two particles of segment `a`, metres.
+    #[inline]
+    pub fn residual_of_segment(&self, a: usize) -> f32 {
+        let [lower, upper] = [0, 1].map(|k| self.residual_motion[a / LANES + k].0[a % LANES]);
+        lower.max(upper)
+    }
+
     /// Whether two segments belong to the same strand.
     #[inline]
     pub fn same_strand(&self, a: u32, b: u32) -> bool {
         let (a, b) = (a as usize, b as usize);
         a % LANES == b % LANES && self.block[a / LANES] == self.block[b / LANES]
     }
+}
+
+/// |x|² without fused operations, so that every instruction set rounds alike.
+#[inline(always)]
+pub(super) fn square<L: Lane>(x: V3<L>) -> L {
+    let [x, y, z] = x.0;
+    x * x + y * y + z * z
 }
 
 #[inline]
@@ -191,7 +205,7 @@ fn transform_for(simd: Simd) -> Transform {
 
 /// For each number of lanes with a strand what is added to the squared distances of a row: 0 in
 /// these lanes, infinity in the others.
-const OUTSIDE: [Row<f32>; LANES + 1] = {
+pub(super) const OUTSIDE: [Row<f32>; LANES + 1] = {
     let mut rows = [Row([0.0; LANES]); LANES + 1];
     let mut live = 0;
     while live < LANES {

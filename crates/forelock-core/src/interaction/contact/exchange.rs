@@ -60,8 +60,9 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
         &mut self,
         cx: &ExchangeContext<'_, T>,
         state: &mut State<T>,
+        moved: &mut [bool],
         report: &mut FrameReport,
-    ) -> bool {
+    ) {
         let Self { contacts, motion } = self;
         let moment = moment(cx);
         let mut contact_report = contacts.find(cx.model, &state.positions, &moment);
@@ -73,6 +74,7 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
                 contacts.resolve_found(cx.model, rows, &moment, contact_report)
             });
             state.clearance = clearance;
+            contacts.moved_blocks().for_each(|block| moved[block] = true);
         }
         report.strand_contacts = report.strand_contacts.then(contact_report);
         let stages = ["find_contacts", "resolve_contacts"];
@@ -80,7 +82,6 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
             .into_iter()
             .zip(contact_report.secs)
             .for_each(|(name, secs)| report.stages.add(name, shared_secs(secs)));
-        contact_report.contacts > 0
     }
 
     fn early_exchange(&self) -> Option<Exchange> {

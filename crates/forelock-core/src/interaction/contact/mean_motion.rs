@@ -3,10 +3,10 @@
 #![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
 
 pub use super::displacements::FAR;
-use super::displacements::{Displacements, ORIGIN, Place};
+use super::displacements::{Displacements, ORIGIN, OUTSIDE, Place, square};
 use super::histogram::{Cutoff, Histogram};
-use crate::interaction::transpose::{Node, Rows, rows_of_nodes};
-use crate::lane::{LANES, Real, widest};
+use crate::interaction::transpose::{Node, rows_of_nodes};
+use crate::lane::{LANES, Lane, Real, Row, Simd, V3, on, widest};
 use crate::scratch::fill;
 use crate::strands::Model;
 use glam::{Vec3, Vec4};
@@ -26,8 +26,10 @@ const TASK: usize = 512;
 /// Stride of the lanes that are summed.
 pub const EVERY: usize = 8;
 
-/// 2²³: float32 above it are whole.
-const ROUNDER: f32 = 8_388_608.0;
+/// 2²³: float32 from there on are whole, and below twice that their last bits are the excess.
+pub(super) const ROUNDER: f32 = 8_388_608.0;
+/// The bits of that excess.
+pub(super) const MANTISSA: u32 = (1 << 23) - 1;
 
 /// Trilinear field of displacements a frame, on a grid of nodes.
 #[derive(Debug, Default)]
@@ -49,13 +51,6 @@ pub(crate) struct MeanMotion {
     pub largest_residual: f32,
     /// Bounding box of the hair at the start and at the end of the frame.
     pub extent: [Vec3; 2],
-}
-
-/// `x` from `least` to `most`; `least` if it is not a number. One instruction each, unlike `clamp`.
-#[inline(always)]
-fn clamp(x: f32, least: f32, most: f32) -> f32 {
-    let x = if x > least { x } else { least };
-    if x < most { x } else { most }
 }
 
 /// The node below a point, and the fraction along each axis.
@@ -281,79 +276,68 @@ impl MeanMotion {
         }
     }
 
-    /// Length of the displacement of each particle of a place relative to the mean motion, metres;
-    /// 0 if it is not finite.
+    /// Writes the displacement of each particle of a place relative to the mean motion, metres.
     #[inline(always)]
-    fn residual_motion(&self, displacements: &Displacements, place: usize) -> [f32; LANES] {
-        let residual = self.residual(displacements, place);
-        let mut squares = [0.0f32; LANES];
-        for row in &residual {
-            for lane in 0..LANES {
-                squares[lane] += row.0[lane] * row.0[lane];
-            }
-        }
-        for lane in 0..LANES {
-            squares[lane] = if squares[lane] < f32::INFINITY { squares[lane].sqrt() } else { 0.0 };
-        }
-        squares
-    }
-
-    /// The displacement of each particle of a place relative to the mean motion, metres.
-    #[inline(always)]
-    pub fn residual(&self, displacements: &Displacements, place: usize) -> Place {
+    pub fn residual<L: Lane<Scalar = f32>>(
+        &self,
+        displacements: &Displacements,
+        place: usize,
+        residual: &mut Place,
+    ) {
         let [start, end] = displacements.place(place);
         let strides = [1, self.dims[0], self.dims[0] * self.dims[1]];
-        let steps = [1, strides[1] as i32, strides[2] as i32];
-        // The node below the middle of each displacement, and the fraction along each axis.
-        let (mut first, mut fractions) = ([0i32; LANES], [[0.0f32; LANES]; 3]);
-        for c in 0..3 {
-            let last = (self.dims[c] - 2) as f32;
-            for lane in 0..LANES {
-                let middle = 0.5 * (start[c].0[lane] + end[c].0[lane]);
-                let u = (middle - self.low[c]) * self.inverse;
-                // A number added to 2²³ is rounded to a whole one, which its last bits hold. If the
-                // two nodes beside it are as near, either will do.
-                let below = clamp(u - 0.5, 0.0, last) + ROUNDER;
-                fractions[c][lane] = clamp(u - (below - ROUNDER), 0.0, 1.0);
-                first[lane] += steps[c] * (below.to_bits() & 0xffff) as i32;
+        let row = Row([0.0f32; LANES]);
+        // The node below the middle of each displacement, in the last bits of a float; the weights
+        // of four pairs of nodes, and the fraction along the first axis.
+        let (mut nodes, mut weights, mut fractions) = (row, [row; 4], row);
+        for first in (0..LANES).step_by(L::WIDTH) {
+            let middle = (V3::<L>::load(start, 0, first) + V3::load(end, 0, first)).scale(L::splat(0.5));
+            let (rounder, one) = (L::splat(ROUNDER), L::one());
+            let (mut node, mut fraction) = (rounder, [L::zero(); 3]);
+            for c in 0..3 {
+                let last = L::splat((self.dims[c] - 2) as f32);
+                let u = (middle.0[c] - L::splat(self.low[c])) * L::splat(self.inverse);
+                // A number added to 2²³ is rounded to a whole one. If the two nodes beside it are
+                // as near, either will do.
+                let below = (u - L::splat(0.5)).max(L::zero()).min(last) + rounder - rounder;
+                fraction[c] = (u - below).max(L::zero()).min(one);
+                node += L::splat(strides[c] as f32) * below;
             }
-        }
-        let [x, y, z] = &fractions;
-        let mut weights = [[0.0f32; LANES]; 4];
-        for lane in 0..LANES {
-            let (y, z) = (y[lane], z[lane]);
-            weights[0][lane] = (1.0 - y) * (1.0 - z);
-            weights[1][lane] = y * (1.0 - z);
-            weights[2][lane] = (1.0 - y) * z;
-            weights[3][lane] = y * z;
+            node.store(&mut nodes, first);
+            let [x, y, z] = fraction;
+            let of_pairs = [(one - y) * (one - z), y * (one - z), (one - y) * z, y * z];
+            for k in 0..4 {
+                of_pairs[k].store(&mut weights[k], first);
+            }
+            x.store(&mut fractions, first);
         }
         // Two nodes that are neighbours along the first axis are one register.
-        let pairs = [0, strides[1], strides[2], strides[1] + strides[2]].map(|first| 4 * first);
+        let pairs = [0, 4 * strides[1], 4 * strides[2], 4 * (strides[1] + strides[2])];
         let numbers: &[f32] = bytemuck::cast_slice(&self.nodes);
         let mut means = [Node::default(); LANES];
         for lane in 0..LANES {
-            let first = 4 * first[lane] as usize;
+            let first = 4 * (nodes.0[lane].to_bits() & MANTISSA) as usize;
             let near = &numbers[first..first + pairs[3] + 8];
             let mut sum = [0.0f32; 8];
             for k in 0..4 {
                 let pair = &near[pairs[k]..pairs[k] + 8];
                 for c in 0..8 {
-                    sum[c] += weights[k][lane] * pair[c];
+                    sum[c] += weights[k].0[lane] * pair[c];
                 }
             }
             means[lane] = Node(sum);
         }
-        let mut rows: Rows = [[0.0; LANES]; 8];
-        rows_of_nodes(&means, &mut rows);
-        let mut residual = ORIGIN;
-        for c in 0..3 {
-            let (low, high) = (&rows[c], &rows[4 + c]);
-            for lane in 0..LANES {
-                let mean = low[lane] + x[lane] * (high[lane] - low[lane]);
-                residual[c].0[lane] = end[c].0[lane] - start[c].0[lane] - mean;
+        let mut rows = [row; 8];
+        rows_of_nodes(&means, bytemuck::cast_mut(&mut rows));
+        for first in (0..LANES).step_by(L::WIDTH) {
+            let x = L::load(&fractions, first);
+            for c in 0..3 {
+                let (low, high) = (L::load(&rows[c], first), L::load(&rows[4 + c], first));
+                let mean = low + x * (high - low);
+                let displacement = L::load(&end[c], first) - L::load(&start[c], first);
+                (displacement - mean).store(&mut residual[c], first);
             }
         }
-        residual
     }
 
     fn measure_residual_motion<T: Real>(
@@ -369,41 +353,31 @@ impl MeanMotion {
         let mut histograms = std::mem::take(&mut self.part_histograms);
         histograms.resize_with(PARTS, Histogram::default);
         let field = &*self;
-        residual_motion
-            .par_chunks_mut(LANES * per_part)
-            .zip(&mut sums)
-            .zip(&mut histograms)
-            .enumerate()
-            .for_each(|(k, ((residual_motion, sums), histograms))| {
+        let measure = measure_for(Simd::up_to_eight());
+        residual_motion.par_chunks_mut(per_part).zip(&mut sums).zip(&mut histograms).enumerate().for_each(
+            |(k, ((residual_motion, sums), histograms))| {
                 histograms.clear();
-                let (mut squares, mut most) = ([0.0f64; LANES], [0.0f32; LANES]);
-                for (own, residual_motion) in residual_motion.chunks_exact_mut(LANES).enumerate() {
-                    let place = k * per_part + own;
+                let mut squares = [0.0f64; LANES];
+                let mut most = 0.0f32;
+                for (residual_motion, place) in residual_motion.iter_mut().zip(k * per_part..) {
                     let live = model.blocks[now.block[place] as usize].live;
-                    let fastest = widest(
-                        #[inline(always)]
-                        || {
-                            let row = field.residual_motion(now, place);
-                            let mut fastest = 0.0f32;
-                            for lane in 0..LANES {
-                                let residual = if lane < live { row[lane] } else { 0.0 };
-                                residual_motion[lane] = residual;
-                                squares[lane] += f64::from(residual) * f64::from(residual);
-                                most[lane] = if residual > most[lane] { residual } else { most[lane] };
-                                fastest = if residual > fastest { residual } else { fastest };
-                            }
-                            fastest
-                        },
-                    );
+                    // SAFETY: the processor supports what `up_to_eight` returns.
+                    let fastest = unsafe { measure(field, now, [place, live], residual_motion) };
+                    for (sum, x) in squares.iter_mut().zip(residual_motion.0) {
+                        *sum += f64::from(x) * f64::from(x);
+                    }
+                    most = most.max(fastest);
                     if fastest > least {
                         residual_motion
+                            .0
                             .iter()
                             .filter(|own| **own > least)
                             .for_each(|own| histograms.add(*own));
                     }
                 }
-                *sums = (squares.iter().sum(), most.into_iter().fold(0.0, f32::max));
-            });
+                *sums = (squares.iter().sum(), most);
+            },
+        );
         displacements.residual_motion = residual_motion;
         if let [all, others @ ..] = &mut *histograms {
             others.iter().for_each(|other| all.merge(other));
@@ -413,4 +387,43 @@ impl MeanMotion {
         self.rms_residual = ((squares / model.particle_count.max(1) as f64).sqrt()) as f32;
         self.largest_residual = sums.iter().map(|s| s.1).fold(0.0, f32::max);
     }
+}
+
+/// Writes the length of the displacement relative to the mean motion of each particle of a place,
+/// given its number and its number of strands, metres: 0 in other lanes, and where it is not
+/// finite. Returns the largest.
+///
+/// # Safety
+/// The processor must support the instruction set of the function.
+type Measure = unsafe fn(&MeanMotion, &Displacements, [usize; 2], &mut Row<f32>) -> f32;
+
+/// The function for `simd`, which the processor must support.
+#[inline(never)]
+fn measure_for(simd: Simd) -> Measure {
+    on!(simd, measure_place(field: &MeanMotion, displacements: &Displacements, at: [usize; 2],
+        residual_motion: &mut Row<f32>) -> f32)
+}
+
+#[inline(always)]
+fn measure_place<L: Lane<Scalar = f32>>(
+    field: &MeanMotion,
+    displacements: &Displacements,
+    [place, live]: [usize; 2],
+    residual_motion: &mut Row<f32>,
+) -> f32 {
+    let mut residual = ORIGIN;
+    field.residual::<L>(displacements, place, &mut residual);
+    let mut fastest = L::zero();
+    for first in (0..LANES).step_by(L::WIDTH) {
+        let square = square(V3::<L>::load(&residual, 0, first)) + L::load(&OUTSIDE[live], first);
+        let length = L::select(square.lt(L::splat(f32::INFINITY)), square.sqrt(), L::zero());
+        length.store(residual_motion, first);
+        fastest = fastest.max(length);
+    }
+    let mut most = 0.0;
+    for lane in 0..L::WIDTH {
+        let own = fastest.get(lane);
+        most = if own > most { own } else { most };
+    }
+    most
 }

@@ -196,6 +196,12 @@ impl Contacts {
         self.resolver.kept(self.finder.found())
     }
 
+    /// The blocks whose strands [`resolve_found`](Self::resolve_found) has moved last; some more
+    /// than once.
+    pub(crate) fn moved_blocks(&self) -> impl Iterator<Item = usize> {
+        self.resolver.moved_blocks()
+    }
+
     /// Resolves the contacts that [`find`](Self::find) has just found, as
     /// [`resolve`](Self::resolve) does.
     pub fn resolve_found<T: Real>(

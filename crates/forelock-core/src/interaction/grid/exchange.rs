@@ -44,8 +44,9 @@ impl<T: Real> Interaction<T> for GridInteraction<T> {
         &mut self,
         cx: &ExchangeContext<'_, T>,
         state: &mut State<T>,
+        _: &mut [bool],
         report: &mut FrameReport,
-    ) -> bool {
+    ) {
         let [last, now] = &cx.last_substep;
         let moment = GridMoment {
             frame: GridFrame::new(last, now, cx.h()),
@@ -69,7 +70,6 @@ impl<T: Real> Interaction<T> for GridInteraction<T> {
             .into_iter()
             .zip(grid_report.secs)
             .for_each(|(name, secs)| report.stages.add(name, shared_secs(secs)));
-        false
     }
 
     fn cells(&self) -> Option<GridCells> {

@@ -25,13 +25,13 @@ impl<T: SearchReal> Interaction<T> for Sph<T> {
         &mut self,
         cx: &ExchangeContext<'_, T>,
         state: &mut State<T>,
+        _: &mut [bool],
         report: &mut FrameReport,
-    ) -> bool {
+    ) {
         report.sph = self.push(state, cx.dt_secs);
         let stages = ["find_neighbours", "push_particles"];
         let timed = stages.into_iter().zip(report.sph.secs);
         timed.for_each(|(name, secs)| report.stages.add(name, shared_secs(secs)));
-        false
     }
 
     fn rebuild(&mut self, model: &Model<T>, simd: Simd) {

@@ -369,6 +369,40 @@ fn a_strand_far_away_does_not_matter() {
     }
 }
 
+/// Edges are restored after contacts only in blocks of sixteen strands that a contact has moved or a
+/// collider stretched: hair elsewhere moves as without contacts, to the bit.
+#[test]
+fn blocks_without_contacts_keep_their_bits() {
+    const APART: usize = 48;
+    let mut strands = wisps();
+    let strand = |k: usize| -> Strand {
+        let root = DVec3::new(1.0 + 0.01 * k as f64, 0.0, 0.0);
+        (0..PARTICLES).map(|i| (root + DVec3::NEG_Y * (0.01 * i as f64)).to_array()).collect()
+    };
+    strands.extend((0..APART).map(strand));
+    let run = |contacts: Option<&ContactParams>| {
+        let mut rig = Rig::<f32>::new(&strands, &AmsParams::default(), Simd::Auto);
+        rig.simulation.set_contacts(contacts).unwrap();
+        rig.edit(|snapshot| {
+            for (k, v) in snapshot.velocities.iter_mut().enumerate() {
+                *v = match k / PARTICLES / WISP {
+                    0 => [1.0, 0.0, 0.0],
+                    1 => [-1.0, 0.0, 0.0],
+                    _ => [0.0, 0.3, 1.0],
+                };
+            }
+        });
+        let met: usize = (0..12).map(|_| rig.step(Pose::IDENTITY).strand_contacts.contacts).sum();
+        (met, rig.positions())
+    };
+    let contacts = ContactParams { hold: 0.0, ..ContactParams::default() };
+    let ((met, with), (_, without)) = (run(Some(&contacts)), run(None));
+    let apart = 2 * WISP * PARTICLES;
+    let moved = |range: std::ops::Range<usize>| range.filter(|&k| with[k] != without[k]).count();
+    assert!(met > 1000 && moved(0..apart) > apart / 2, "{met}");
+    assert_eq!(moved(apart..with.len()), 0);
+}
+
 /// The same bits for any number of threads and any instruction set with the same rounding.
 #[test]
 fn threads_and_widths_do_not_matter() {

@@ -2,13 +2,13 @@
 
 use super::cells::Cells;
 use super::follow::{Follower, Paths};
-use super::marks::Marks;
+use super::marks::{CellRows, Marks};
 use super::pairs::{ACTIVE, Entry, Test};
 use super::tree::Tree;
 use super::{Slice, keep_fastest};
-use crate::interaction::contact::displacements::{ORIGIN, Place};
+use crate::interaction::contact::displacements::{ORIGIN, Place, square};
 use crate::interaction::contact::{Contact, Displacements, Histogram};
-use crate::lane::{LANES, Real, widest};
+use crate::lane::{LANES, Lane, Real, Row, Simd, V3, on};
 use crate::strands::Model;
 use glam::Vec3;
 use std::ops::Range;
@@ -119,21 +119,19 @@ impl Chunk {
         motion: &Motion<'_>,
         marks: &Marks,
         [longest, widest_other]: [f32; 2],
+        near_rows: NearRows,
     ) {
         self.others.clear();
+        let mut rows = EntryRows::default();
         for block in &model.blocks[self.blocks.clone()] {
+            let live = u32::MAX >> (32 - block.live);
             for place in block.first..block.first + block.particles - 1 {
-                let (rows, near, long) = widest(
-                    #[inline(always)]
-                    || {
-                        let rows = EntryRows::new(motion, place);
-                        let mut is_long = [false; LANES];
-                        is_long.iter_mut().zip(rows.length).for_each(|(is, l)| *is = l > longest);
-                        let near = marks.marked(&rows.middle);
-                        (rows, near, bits(is_long))
-                    },
-                );
-                let live = u32::MAX >> (32 - block.live);
+                let at = Segments { place, live, longest };
+                // SAFETY: `near_rows_for` returns only functions that the processor supports.
+                let [near, long] = unsafe { near_rows(motion, marks, at, &mut rows) };
+                if (near | long) & live == 0 {
+                    continue;
+                }
                 let fast = fast_lanes(motion, place, block.live);
                 for lane in lanes((near | long) & live) {
                     let segment = LANES * place + lane;
@@ -224,8 +222,7 @@ fn bits(f: [bool; LANES]) -> u32 {
 #[inline]
 fn fast_lanes(motion: &Motion<'_>, place: usize, live: usize) -> u32 {
     let floor = motion.slice.active.floor();
-    let rows = &motion.displacements.residual_motion[LANES * place..LANES * (place + 2)];
-    let (lower, upper) = rows.split_at(LANES);
+    let [lower, upper] = [place, place + 1].map(|place| &motion.displacements.residual_motion[place].0);
     let mut is_fast = [false; LANES];
     for lane in 0..LANES {
         is_fast[lane] = lower[lane].max(upper[lane]) >= floor;
@@ -234,56 +231,102 @@ fn fast_lanes(motion: &Motion<'_>, place: usize, live: usize) -> u32 {
 }
 
 /// The entries of the segments of a place that are not active and in one piece, lane by lane.
-struct EntryRows {
+#[derive(Debug)]
+pub(super) struct EntryRows {
     middle: Place,
     half: Place,
     displacement: Place,
-    length: [f32; LANES],
-    inverse: [f32; LANES],
-    reach: [f32; LANES],
-    spread: [f32; LANES],
+    radius: Row<f32>,
+    inverse: Row<f32>,
+    reach: Row<f32>,
+    spread: Row<f32>,
+}
+
+impl Default for EntryRows {
+    fn default() -> Self {
+        let row = Row([0.0; LANES]);
+        let (radius, inverse, reach, spread) = (row, row, row, row);
+        Self { middle: ORIGIN, half: ORIGIN, displacement: ORIGIN, radius, inverse, reach, spread }
+    }
+}
+
+/// The segments of a place.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Segments {
+    /// Of their lower particles.
+    place: usize,
+    /// Bits of the lanes that hold a strand.
+    live: u32,
+    /// The longest that are not looked at piece by piece, metres.
+    longest: f32,
+}
+
+/// Bits of the lanes whose segments have their middles in marked cells, and of those that are
+/// longer than `longest`; if there are any, writes the entries of the place.
+///
+/// # Safety
+/// The processor must support the instruction set of the function.
+pub(super) type NearRows = unsafe fn(&Motion<'_>, &Marks, Segments, &mut EntryRows) -> [u32; 2];
+
+/// The function for `simd`, or the portable one if `simd` is not supported.
+#[inline(never)]
+pub(super) fn near_rows_for(simd: Simd) -> NearRows {
+    let simd = simd.resolve();
+    let simd = if simd.is_supported() { simd } else { Simd::Portable };
+    on!(simd, near_rows(motion: &Motion<'_>, marks: &Marks, at: Segments, rows: &mut EntryRows) -> [u32; 2])
+}
+
+#[inline(always)]
+fn near_rows<L: Lane<Scalar = f32>>(
+    motion: &Motion<'_>,
+    marks: &Marks,
+    at: Segments,
+    rows: &mut EntryRows,
+) -> [u32; 2] {
+    let Motion { displacements, slice, edge, .. } = *motion;
+    // No closures: the compiler does not inline instructions of other sets into them.
+    let [from, to] = displacements.place(at.place);
+    let [from_next, to_next] = displacements.place(at.place + 1);
+    let (when, half) = (L::splat(slice.middle()), L::splat(0.5));
+    let (mut cells, mut long) = (CellRows::default(), 0);
+    for first in (0..LANES).step_by(L::WIDTH) {
+        let lower = between(V3::<L>::load(from, 0, first), V3::load(to, 0, first), when);
+        let upper = between(V3::<L>::load(from_next, 0, first), V3::load(to_next, 0, first), when);
+        let middle = (lower + upper).scale(half);
+        middle.store(&mut rows.middle, 0, first);
+        (upper - lower).scale(half).store(&mut rows.half, 0, first);
+        marks.locate(middle, first, &mut cells);
+        long |= L::bits(L::splat(at.longest * at.longest).lt(square(upper - lower))) << first;
+    }
+    let near = marks.marked(&cells);
+    if (near | long) & at.live == 0 {
+        return [0; 2];
+    }
+    let dt = L::splat(0.5 * slice.length());
+    let [base, slope, most] = slice.reach_terms(false, edge);
+    let residual = &displacements.residual_motion;
+    for first in (0..LANES).step_by(L::WIDTH) {
+        let lower_moved = V3::<L>::load(to, 0, first) - V3::load(from, 0, first);
+        let upper_moved = V3::<L>::load(to_next, 0, first) - V3::load(from_next, 0, first);
+        (lower_moved + upper_moved).scale(dt).store(&mut rows.displacement, 0, first);
+        square((upper_moved - lower_moved).scale(dt)).sqrt().store(&mut rows.spread, first);
+        let half_squared = square(V3::<L>::load(&rows.half, 0, first));
+        (L::one() / half_squared.max(L::splat(1e-20))).store(&mut rows.inverse, first);
+        let residual = L::load(&residual[at.place], first).max(L::load(&residual[at.place + 1], first));
+        let reach = (L::splat(base) + L::splat(slope) * residual).min(L::splat(most));
+        reach.store(&mut rows.reach, first);
+        (half_squared.sqrt() + reach).store(&mut rows.radius, first);
+    }
+    [near, long]
+}
+
+/// A position at the fraction `when` between two.
+#[inline(always)]
+fn between<L: Lane>(from: V3<L>, to: V3<L>, when: L) -> V3<L> {
+    from + (to - from).scale(when)
 }
 
 impl EntryRows {
-    #[inline(always)]
-    fn new(motion: &Motion<'_>, place: usize) -> Self {
-        let Motion { displacements, slice, edge, .. } = *motion;
-        let ([from, to], [from_next, to_next]) = (displacements.place(place), displacements.place(place + 1));
-        let (when, dt) = (slice.middle(), slice.length());
-        let mut out = Self {
-            middle: ORIGIN,
-            half: ORIGIN,
-            displacement: ORIGIN,
-            length: [0.0; LANES],
-            inverse: [0.0; LANES],
-            reach: [0.0; LANES],
-            spread: [0.0; LANES],
-        };
-        let (mut squares, mut spreads) = ([0.0; LANES], [0.0; LANES]);
-        for c in 0..3 {
-            for lane in 0..LANES {
-                let lower_moved = to[c].0[lane] - from[c].0[lane];
-                let upper_moved = to_next[c].0[lane] - from_next[c].0[lane];
-                let lower = from[c].0[lane] + when * lower_moved;
-                let upper = from_next[c].0[lane] + when * upper_moved;
-                out.middle[c].0[lane] = 0.5 * (lower + upper);
-                out.half[c].0[lane] = 0.5 * (upper - lower);
-                out.displacement[c].0[lane] = 0.5 * dt * (lower_moved + upper_moved);
-                let apart = 0.5 * dt * (upper_moved - lower_moved);
-                spreads[lane] += apart * apart;
-                squares[lane] += out.half[c].0[lane] * out.half[c].0[lane];
-            }
-        }
-        let residual = &displacements.residual_motion[LANES * place..LANES * (place + 2)];
-        for lane in 0..LANES {
-            out.length[lane] = 2.0 * squares[lane].sqrt();
-            out.inverse[lane] = 1.0 / squares[lane].max(1e-20);
-            out.spread[lane] = spreads[lane].sqrt();
-            out.reach[lane] = slice.reach(residual[lane].max(residual[LANES + lane]), false, edge);
-        }
-        out
-    }
-
     fn middle(&self, lane: usize) -> Vec3 {
         Vec3::from_array(self.middle.map(|row| row.0[lane]))
     }
@@ -293,11 +336,11 @@ impl EntryRows {
             segment: (LANES * place + lane) as u32,
             middle: self.middle(lane),
             half: Vec3::from_array(self.half.map(|row| row.0[lane])),
-            inverse: self.inverse[lane],
-            reach: self.reach[lane],
-            radius: 0.5 * self.length[lane] + self.reach[lane],
+            inverse: self.inverse.0[lane],
+            reach: self.reach.0[lane],
+            radius: self.radius.0[lane],
             displacement: Vec3::from_array(self.displacement.map(|row| row.0[lane])),
-            spread: self.spread[lane],
+            spread: self.spread.0[lane],
         }
     }
 }
@@ -305,8 +348,7 @@ impl EntryRows {
 /// Whether segment `a` is active.
 #[inline]
 fn is_active(motion: &Motion<'_>, a: usize) -> bool {
-    let residual_motion = &motion.displacements.residual_motion;
-    motion.slice.active.includes(a, residual_motion[a].max(residual_motion[a + LANES]))
+    motion.slice.active.includes(a, motion.displacements.residual_of_segment(a))
 }
 
 /// Inserts segment `a` at its position in the middle of the slice, split into pieces if it is long.
@@ -321,8 +363,7 @@ fn insert(entries: &mut Vec<Entry>, motion: &Motion<'_>, a: usize, is_near: impl
     let pieces = (length / (PIECE * edge)).ceil().clamp(1.0, PIECES);
     let half = along * (0.5 / pieces);
     let active = is_active(motion, a);
-    let residual_motion = displacements.residual_motion[a].max(displacements.residual_motion[a + LANES]);
-    let reach = slice.reach(residual_motion, active, edge);
+    let reach = slice.reach(displacements.residual_of_segment(a), active, edge);
     let radius = 0.5 * length / pieces + reach;
     for piece in 0..pieces as usize {
         let middle = lower + (2 * piece + 1) as f32 * half;

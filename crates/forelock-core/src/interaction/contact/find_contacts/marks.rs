@@ -1,11 +1,25 @@
 //! Marks the regions near active segments, so that only segments near one are in the tree.
 
 use super::cells::Cells;
-use crate::interaction::contact::displacements::Place;
-use crate::lane::LANES;
+use crate::interaction::contact::mean_motion::{MANTISSA, ROUNDER};
+use crate::lane::{LANES, Lane, Row, V3};
 use glam::Vec3;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+/// The cells of sixteen points: the words that hold their bits and the numbers of the bits, each in
+/// the last bits of a float.
+#[derive(Debug)]
+pub(crate) struct CellRows {
+    words: Row<f32>,
+    bits: Row<f32>,
+}
+
+impl Default for CellRows {
+    fn default() -> Self {
+        Self { words: Row([0.0; LANES]), bits: Row([0.0; LANES]) }
+    }
+}
 
 /// A bit for each cell of a box: whether it is near an active segment.
 #[derive(Debug, Default)]
@@ -69,27 +83,34 @@ impl Marks {
         }
     }
 
-    /// Bits of the lanes whose points are in marked cells.
+    /// Writes the cells of points, lanes from `first`.
     #[inline(always)]
-    pub fn marked(&self, at: &Place) -> u32 {
+    pub fn locate<L: Lane<Scalar = f32>>(&self, at: V3<L>, first: usize, cells: &mut CellRows) {
         let Cells { low, inverse, dims, .. } = self.cells;
-        let mut cells = [[0i32; LANES]; 3];
-        for ((cells, at), c) in cells.iter_mut().zip(at).zip(0..) {
-            let (low, last) = (low[c], (dims[c] - 1) as f32);
-            for (cell, x) in cells.iter_mut().zip(at.0) {
-                // A cast of a positive number is the floor.
-                *cell = ((x - low) * inverse).max(0.0).min(last) as i32;
-            }
+        let (half, rounder) = (L::splat(0.5), L::splat(ROUNDER));
+        let mut own = [L::zero(); 3];
+        for c in 0..3 {
+            let u = (at.0[c] - L::splat(low[c])) * L::splat(inverse) - half;
+            // Rounded half a cell lower: the floor, except on a face, where it may be the cell on
+            // either side. Both are marked, for what is marked has a margin.
+            let u = u.max(L::zero()).min(L::splat((dims[c] - 1) as f32));
+            own[c] = (u + rounder) - rounder;
         }
-        let [nx, ny] = [self.words as i32, dims[1] as i32];
-        let mut words = [0i32; LANES];
-        for lane in 0..LANES {
-            words[lane] = nx * (cells[1][lane] + ny * cells[2][lane]) + (cells[0][lane] >> 5);
-        }
+        let [x, y, z] = own;
+        // ⌊x/32⌋, rounded 31/64 lower: x is whole, so nothing is halfway.
+        let word = (x * L::splat(1.0 / 32.0) - L::splat(31.0 / 64.0)).max(L::zero()) + rounder - rounder;
+        let row = y + L::splat(dims[1] as f32) * z;
+        (row * L::splat(self.words as f32) + word + rounder).store(&mut cells.words, first);
+        (x - L::splat(32.0) * word + rounder).store(&mut cells.bits, first);
+    }
+
+    /// Bits of the lanes whose cells are marked.
+    #[inline(always)]
+    pub fn marked(&self, cells: &CellRows) -> u32 {
         let mut marked = 0;
         for lane in 0..LANES {
-            let word = self.bits[words[lane] as usize].load(Relaxed);
-            marked |= (word >> (cells[0][lane] & 31) & 1) << lane;
+            let [word, bit] = [cells.words.0[lane], cells.bits.0[lane]].map(|x| x.to_bits() & MANTISSA);
+            marked |= (self.bits[word as usize].load(Relaxed) >> bit & 1) << lane;
         }
         marked
     }

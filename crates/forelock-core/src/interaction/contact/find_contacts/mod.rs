@@ -108,10 +108,15 @@ impl Slice {
     /// Margin of the bounding ball of a segment: half the contact distance and half its
     /// `residual_motion` in the slice, up to a bound. Metres.
     pub fn reach(&self, residual_motion: f32, is_active: bool, edge: f32) -> f32 {
+        let [base, slope, most] = self.reach_terms(is_active, edge);
+        (base + slope * residual_motion).min(most)
+    }
+
+    /// The reach at a residual motion of 0, its increase with it, and its upper bound.
+    fn reach_terms(&self, is_active: bool, edge: f32) -> [f32; 3] {
         // A margin: the mean motions of the two segments of a pair differ slightly.
-        let residual_motion = 1.25 * residual_motion;
-        let most = REACH[usize::from(!is_active)] * edge;
-        (0.5 * (self.distance + self.length() * residual_motion)).min(most)
+        let slope = 1.25 * 0.5 * self.length();
+        [0.5 * self.distance, slope, REACH[usize::from(!is_active)] * edge]
     }
 }
 
@@ -167,7 +172,8 @@ impl Finder {
             let marks = &self.marks;
             chunks.par_iter().for_each(|chunk| chunk.mark(widest_other, marks));
             let near = [longest, widest_other];
-            chunks.par_iter_mut().for_each(|chunk| chunk.insert_others(model, &motion, marks, near));
+            let rows = chunk::near_rows_for(self.simd);
+            chunks.par_iter_mut().for_each(|chunk| chunk.insert_others(model, &motion, marks, near, rows));
             let has_pieces = chunks.iter().any(|chunk| chunk.has_pieces);
             let mut lists: [&[Entry]; 2 * CHUNKS] = [&[]; 2 * CHUNKS];
             let filled = chunks.iter().flat_map(|chunk| [&*chunk.active, &*chunk.others]);

@@ -8,8 +8,9 @@ use glam::Vec3;
 /// Flag in the number of an active segment.
 pub(crate) const ACTIVE: u32 = 1 << 31;
 
-/// A segment, or a piece of one, in the middle of a slice. Metres.
+/// A segment, or a piece of one, in the middle of a slice; a line of the cache. Metres.
 #[derive(Clone, Copy, Debug, Default)]
+#[repr(align(64))]
 pub(crate) struct Entry {
     /// Number of the segment, with the flag [`ACTIVE`].
     pub segment: u32,
@@ -38,14 +39,14 @@ pub(super) const REST: usize = 9;
 
 impl Entry {
     /// The centre and the radius.
-    #[inline]
+    #[inline(always)]
     pub fn ball(&self) -> [f32; BALL] {
         [self.middle.x, self.middle.y, self.middle.z, self.radius]
     }
 
     /// Bounds of the positions of its points in the middle of the slice, and of their displacements
     /// in it: lower and upper corners.
-    #[inline]
+    #[inline(always)]
     pub fn bounds(&self) -> [[Vec3; 2]; 2] {
         let half = self.half.abs();
         [
@@ -55,7 +56,7 @@ impl Entry {
     }
 
     /// All other fields except the number.
-    #[inline]
+    #[inline(always)]
     pub fn rest(&self) -> [f32; REST] {
         let (half, displacement) = (self.half.to_array(), self.displacement.to_array());
         let ([a, b, c], [d, e, f]) = (half, displacement);

@@ -82,11 +82,7 @@ fn all_pairs(
     slices: u32,
 ) -> BTreeSet<[u32; 2]> {
     let segments: Vec<usize> = segments(model).map(|a| a as usize).collect();
-    let is_active = |a: usize| {
-        first
-            .active
-            .includes(a, displacements.residual_motion[a].max(displacements.residual_motion[a + LANES]))
-    };
+    let is_active = |a: usize| first.active.includes(a, displacements.residual_of_segment(a));
     let mut found = BTreeSet::new();
     for k in 0..slices {
         let slice = Slice { span: [k, k + 1].map(|k| k as f32 / slices as f32), ..first };

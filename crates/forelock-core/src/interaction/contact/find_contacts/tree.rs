@@ -1,5 +1,8 @@
 //! The segments of a time slice in a tree of boxes.
 
+#![expect(clippy::needless_range_loop, reason = "one index for several arrays")]
+
+use super::chunk::CHUNKS;
 use super::follow::CLOSE;
 use super::pairs::{BALL, Entry, REST};
 use crate::interaction::contact::RUN_SEGMENTS;
@@ -11,6 +14,8 @@ use rayon::prelude::*;
 /// Number of groups after which no more nodes of the tree are visited for a segment: what lies at
 /// the lower end of the curve is left out.
 const MOST_GROUPS: usize = 8 * RUN_SEGMENTS / LANES;
+/// Maximum number of lists.
+const LISTS: usize = 2 * CHUNKS;
 /// Bits of a coordinate in a place on the curve.
 const CURVE_BITS: u32 = 10;
 /// Maximum number of levels: 16⁸ entries.
@@ -41,6 +46,7 @@ const EMPTY: Boxes = {
 type Bounds = [[Vec3; 2]; 2];
 
 impl Boxes {
+    #[inline(always)]
     fn set(&mut self, lane: usize, [place, moved]: Bounds, reach: f32) {
         self.reach.0[lane] = reach;
         for c in 0..3 {
@@ -68,6 +74,8 @@ impl Boxes {
 pub(crate) struct Tree {
     /// Place on the curve, chunk and index of each entry, in this order of bits.
     order: Vec<u64>,
+    /// A buffer for sorting.
+    sorted: Vec<u64>,
     /// Numbers of the segments, with the flag [`ACTIVE`](super::pairs::ACTIVE).
     pub segments: Vec<[u32; LANES]>,
     /// Centres and radii, in the order of [`Entry::ball`]. They lie apart from the rest, since they
@@ -84,7 +92,7 @@ pub(crate) struct Tree {
 impl Tree {
     pub fn bytes(&self) -> usize {
         let levels: usize = self.levels.iter().map(Vec::capacity).sum();
-        8 * self.order.capacity()
+        8 * (self.order.capacity() + self.sorted.capacity())
             + self.segments.capacity() * size_of::<[u32; LANES]>()
             + self.balls.capacity() * size_of::<[Row<f32>; BALL]>()
             + self.rest.capacity() * size_of::<[Row<f32>; REST]>()
@@ -92,23 +100,30 @@ impl Tree {
     }
 
     /// Builds the tree of all entries of `lists`, which lie in the box from `low` to `high`.
-    pub fn build(&mut self, lists: &[&[Entry]], [low, high]: [Vec3; 2]) {
+    pub fn build(&mut self, lists: &[&[Entry]; LISTS], [low, high]: [Vec3; 2]) {
         let scale = ((1 << CURVE_BITS) as f32 - 1.0) / (high - low).max_element().max(f32::MIN_POSITIVE);
-        self.order.clear();
-        for (number, list) in (0u64..).zip(lists) {
+        let count = lists.iter().map(|list| list.len()).sum();
+        resize(&mut self.order, count, 0);
+        let mut parts = [const { (0u64, [].as_slice(), [].as_mut_slice()) }; LISTS];
+        let mut left = self.order.as_mut_slice();
+        for ((part, list), number) in parts.iter_mut().zip(lists).zip(0u64..) {
             debug_assert!(list.len() < 1 << 24, "the index of an entry has 24 bits");
-            self.order.par_extend(list.par_iter().enumerate().map(|(k, entry)| {
+            let (own, rest) = left.split_at_mut(list.len());
+            (*part, left) = ((number, *list, own), rest);
+        }
+        parts.par_iter_mut().for_each(|(number, list, order)| {
+            for ((entry, key), k) in list.iter().zip(&mut **order).zip(0u64..) {
                 let at = ((entry.middle - low) * scale).max(Vec3::ZERO).to_array();
                 let place = spread(at[0] as u32) | spread(at[1] as u32) << 1 | spread(at[2] as u32) << 2;
-                u64::from(place) << 32 | number << 24 | k as u64
-            }));
-        }
-        self.order.par_sort_unstable();
+                *key = u64::from(place) << 32 | *number << 24 | k;
+            }
+        });
+        sort(&mut self.order, &mut self.sorted);
         let groups = self.order.len().div_ceil(LANES);
         resize(&mut self.segments, groups, [0; LANES]);
         resize(&mut self.balls, groups, NOWHERE);
         resize(&mut self.rest, groups, [Row([0.0; LANES]); REST]);
-        let Self { order, segments, balls, rest, levels, depth } = self;
+        let Self { order, segments, balls, rest, levels, depth, .. } = self;
         let mut count = groups.div_ceil(LANES);
         for (level, above) in levels.iter_mut().zip(1..) {
             resize(level, count, EMPTY);
@@ -129,13 +144,21 @@ impl Tree {
                 let mut reach = 0.0f32;
                 let mut own = [[Vec3::INFINITY, Vec3::NEG_INFINITY]; 2];
                 balls[group] = NOWHERE;
+                let (balls, rest) = (&mut balls[group], &mut rest[group]);
                 for (lane, entry) in entries.enumerate() {
                     segments[group][lane] = entry.segment;
-                    balls[group].iter_mut().zip(entry.ball()).for_each(|(row, x)| row.0[lane] = x);
-                    rest[group].iter_mut().zip(entry.rest()).for_each(|(row, x)| row.0[lane] = x);
-                    reach = reach.max(entry.reach);
-                    for (own, [low, high]) in own.iter_mut().zip(entry.bounds()) {
-                        *own = [own[0].min(low), own[1].max(high)];
+                    // Loops over indices: calls of closures are not always inlined.
+                    let (ball, others) = (entry.ball(), entry.rest());
+                    for k in 0..BALL {
+                        balls[k].0[lane] = ball[k];
+                    }
+                    for k in 0..REST {
+                        rest[k].0[lane] = others[k];
+                    }
+                    reach = if entry.reach > reach { entry.reach } else { reach };
+                    let bounds = entry.bounds();
+                    for k in 0..2 {
+                        own[k] = [own[k][0].min(bounds[k][0]), own[k][1].max(bounds[k][1])];
                     }
                 }
                 boxes.set(group, own, reach);
@@ -213,6 +236,31 @@ impl Tree {
     }
 }
 
+/// Sorts `order` by its places on the curve; equal ones keep their order. `sorted` is a buffer.
+fn sort(order: &mut Vec<u64>, sorted: &mut Vec<u64>) {
+    const DIGITS: usize = 1 << CURVE_BITS;
+    let digit = |key: u64, c: u32| (key >> (32 + c * CURVE_BITS)) as usize % DIGITS;
+    let mut firsts = [[0u32; DIGITS]; 3];
+    for &key in &*order {
+        for (c, counts) in (0..).zip(&mut firsts) {
+            counts[digit(key, c)] += 1;
+        }
+    }
+    resize(sorted, order.len(), 0);
+    for (c, firsts) in (0..).zip(&mut firsts) {
+        let mut sum = 0;
+        for first in firsts.iter_mut() {
+            sum += std::mem::replace(first, sum);
+        }
+        for &key in &*order {
+            let to = &mut firsts[digit(key, c)];
+            sorted[*to as usize] = key;
+            *to += 1;
+        }
+        std::mem::swap(order, sorted);
+    }
+}
+
 /// Spreads the lower ten bits of `x` to every third bit.
 #[inline(always)]
 fn spread(x: u32) -> u32 {
@@ -220,4 +268,26 @@ fn spread(x: u32) -> u32 {
     let x = (x | x << 8) & 0x0300_f00f;
     let x = (x | x << 4) & 0x030c_30c3;
     (x | x << 2) & 0x0924_9249
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn entries_are_sorted_by_place_and_keep_their_order() {
+        let mut seed = 1u32;
+        let mut order: Vec<u64> = (0..5000u64)
+            .map(|k| {
+                seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                // Few places at first, so that many are equal.
+                let bits = if k < 1000 { 3 } else { 3 * CURVE_BITS };
+                u64::from(seed >> 2) % (1 << bits) << 32 | k
+            })
+            .collect();
+        let mut expected = order.clone();
+        expected.sort_unstable();
+        sort(&mut order, &mut Vec::new());
+        assert_eq!(order, expected);
+    }
 }

@@ -28,10 +28,10 @@
 
 #![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
 
-use super::displacements::{ORIGIN, Place};
+use super::displacements::{ORIGIN, OUTSIDE, Place, square};
 use super::mean_motion::{PARTS, SPACING, sum_parts};
 use super::{ContactMoment, Displacements, MeanMotion, ParticleRows};
-use crate::lane::{LANES, Real, Row, widest};
+use crate::lane::{LANES, Lane, Real, Row, Simd, V3, on, widest};
 use crate::scratch::fill;
 use crate::strands::{Block, Model, number};
 use glam::{Vec3, Vec4};
@@ -96,20 +96,18 @@ impl Friction {
             clamped: moment.clamped,
         };
         let count = mean_motion.count();
+        let shorten = shorten_for(Simd::up_to_eight());
         let per_part = model.places().div_ceil(PARTS).max(1);
         parts.resize_with(PARTS, Vec::new);
         changes.par_chunks_mut(per_part).zip(&mut *parts).enumerate().for_each(|(part, (changes, nodes))| {
             fill(nodes, count, Vec4::ZERO);
             for ((change, groups), place) in changes.iter_mut().zip(per_part * part..) {
-                widest(
-                    #[inline(always)]
-                    || {
-                        hold.shorten(place, change, groups);
-                        for group in groups.iter().filter(|group| group.sum.w > 0.0) {
-                            mean_motion.add(nodes, group.middle, group.sum);
-                        }
-                    },
-                );
+                if hold.is_clamped(place) {
+                    *groups = [Group::default(); GROUPS];
+                    continue;
+                }
+                // SAFETY: the processor supports what `up_to_eight` returns.
+                unsafe { shorten(&hold.of(place), change, groups, nodes) };
             }
         });
         sum_parts(&parts[..model.places().div_ceil(per_part)], nodes);
@@ -117,6 +115,7 @@ impl Friction {
         let (nodes, per_dt) = (&*nodes, 1.0 / moment.dt_secs);
         let turn = moment.head.matrix().as_mat3();
         let axes = turn.transpose().to_cols_array_2d();
+        let settle = settle_for(Simd::up_to_eight());
         let ParticleRows { positions, velocities, clearance } = rows;
         let rows = positions.par_chunks_mut(3 * per_part).zip(velocities.par_chunks_mut(3 * per_part));
         let rows = rows.zip(clearance.par_chunks_mut(per_part)).zip(changes.par_chunks(per_part));
@@ -126,12 +125,12 @@ impl Friction {
                     continue;
                 }
                 let rows = [&mut positions[3 * own..][..3], &mut velocities[3 * own..][..3]];
+                let mut change = *change;
+                // SAFETY: the processor supports what `up_to_eight` returns.
+                let moved = unsafe { settle(&mut change, groups, mean_motion, nodes, &axes) };
                 widest(
                     #[inline(always)]
-                    || {
-                        let means = groups.map(|group| mean_motion.interpolate(nodes, group.middle));
-                        apply(change, &means, &axes, number(per_dt), rows, &mut clearance[own]);
-                    },
+                    || add(&change, &moved, number(per_dt), rows, &mut clearance[own]),
                 );
             }
         });
@@ -158,57 +157,85 @@ impl<T: Real> Hold<'_, T> {
         place - self.block(place).first < self.clamped
     }
 
-    /// Writes the changes Δx of a place, zero for hair outside the box and for padding lanes, and
-    /// what its groups add to the nodes.
-    #[inline(always)]
-    fn shorten(&self, place: usize, change: &mut Place, groups: &mut [Group; GROUPS]) {
-        if self.is_clamped(place) {
-            *groups = [Group::default(); GROUPS];
-            return;
-        }
-        let [start, end] = self.displacements.place(place);
-        let residual = self.field.residual(self.displacements, place);
-        let live = self.block(place).live;
-        let [low, high] = [self.field.extent[0].to_array(), self.field.extent[1].to_array()];
-        let mut share = [0.0f32; LANES];
-        for lane in 0..LANES {
-            let (x, y, z) = (residual[0].0[lane], residual[1].0[lane], residual[2].0[lane]);
-            let length = (x * x + y * y + z * z).sqrt();
-            let mut counts = (length > 0.0) & (length < f32::INFINITY) & (lane < live);
-            for c in 0..3 {
-                let [a, b] = [start[c].0[lane], end[c].0[lane]];
-                counts &= (a >= low[c]) & (b >= low[c]) & (a <= high[c]) & (b <= high[c]);
-            }
-            let own = self.most / length;
-            let own = if own < 1.0 { own } else { 1.0 };
-            share[lane] = if counts { own } else { 0.0 };
-        }
+    fn of(&self, place: usize) -> HoldPlace<'_> {
+        let Self { displacements, field, most, .. } = *self;
+        HoldPlace { displacements, field, most, place, live: self.block(place).live }
+    }
+}
+
+/// What is needed of a place.
+#[derive(Clone, Copy, Debug)]
+struct HoldPlace<'a> {
+    displacements: &'a Displacements,
+    field: &'a MeanMotion,
+    most: f32,
+    place: usize,
+    live: usize,
+}
+
+/// Writes the changes Δx of a place, zero for hair outside the box and for padding lanes, and its
+/// groups, and adds the groups to the nodes.
+///
+/// # Safety
+/// The processor must support the instruction set of the function.
+type Shorten = unsafe fn(&HoldPlace<'_>, &mut Place, &mut [Group; GROUPS], &mut [Vec4]);
+
+/// The function for `simd`, which the processor must support.
+#[inline(never)]
+fn shorten_for(simd: Simd) -> Shorten {
+    on!(simd, shorten(hold: &HoldPlace<'_>, change: &mut Place, groups: &mut [Group; GROUPS],
+        nodes: &mut [Vec4]))
+}
+
+// No closures in what follows: the compiler does not inline instructions of other sets into them.
+#[inline(always)]
+fn shorten<L: Lane<Scalar = f32>>(
+    hold: &HoldPlace<'_>,
+    change: &mut Place,
+    groups: &mut [Group; GROUPS],
+    nodes: &mut [Vec4],
+) {
+    let HoldPlace { displacements, field, most, place, live } = *hold;
+    let [start, end] = displacements.place(place);
+    let mut residual = ORIGIN;
+    field.residual::<L>(displacements, place, &mut residual);
+    let [low, high] = field.extent;
+    let (mut held, mut middle) = (Row([0.0; LANES]), ORIGIN);
+    let (zero, one) = (L::zero(), L::one());
+    for first in (0..LANES).step_by(L::WIDTH) {
+        let (start, end): (V3<L>, V3<L>) = (V3::load(start, 0, first), V3::load(end, 0, first));
+        let residual: V3<L> = V3::load(&residual, 0, first);
+        // Not finite where there is no strand.
+        let length = square(residual).sqrt() + L::load(&OUTSIDE[live], first);
+        let mut share = (L::splat(most) / length).min(one);
+        share = L::select(zero.lt(length), share, zero);
+        share = L::select(length.lt(L::splat(f32::INFINITY)), share, zero);
         for c in 0..3 {
-            for lane in 0..LANES {
-                change[c].0[lane] = if share[lane] > 0.0 { -share[lane] * residual[c].0[lane] } else { 0.0 };
-            }
+            let (low, high) = (L::splat(low[c]), L::splat(high[c]));
+            share = L::select(start.0[c].min(end.0[c]).lt(low), zero, share);
+            share = L::select(high.lt(start.0[c].max(end.0[c])), zero, share);
         }
-        let mut held = [0.0f32; LANES];
-        let mut middle = [[0.0f32; LANES]; 3];
-        for lane in 0..LANES {
-            held[lane] = if share[lane] > 0.0 { 1.0 } else { 0.0 };
-        }
+        let is_held = zero.lt(share);
         for c in 0..3 {
-            for lane in 0..LANES {
-                let own = 0.5 * (start[c].0[lane] + end[c].0[lane]);
-                middle[c][lane] = if share[lane] > 0.0 { own } else { 0.0 };
-            }
+            let by = -(share * residual.0[c]);
+            L::select(is_held, by, zero).store(&mut change[c], first);
+            let at = L::splat(0.5) * (start.0[c] + end.0[c]);
+            L::select(is_held, at, zero).store(&mut middle[c], first);
         }
-        let counts = sums(&held);
-        let mut of_axes = [[[0.0; GROUPS]; 2]; 3];
-        for c in 0..3 {
-            of_axes[c] = [sums(&middle[c]), sums(&change[c].0)];
-        }
-        for k in 0..GROUPS {
-            let count = counts[k];
-            let middle = Vec3::new(of_axes[0][0][k], of_axes[1][0][k], of_axes[2][0][k]) / count.max(1.0);
-            let sum = Vec4::new(of_axes[0][1][k], of_axes[1][1][k], of_axes[2][1][k], count);
-            groups[k] = Group { middle, sum };
+        L::select(is_held, one, zero).store(&mut held, first);
+    }
+    let counts = sums(&held.0);
+    let mut of_axes = [[[0.0; GROUPS]; 2]; 3];
+    for c in 0..3 {
+        of_axes[c] = [sums(&middle[c].0), sums(&change[c].0)];
+    }
+    for k in 0..GROUPS {
+        let count = counts[k];
+        let middle = Vec3::new(of_axes[0][0][k], of_axes[1][0][k], of_axes[2][0][k]) / count.max(1.0);
+        let sum = Vec4::new(of_axes[0][1][k], of_axes[1][1][k], of_axes[2][1][k], count);
+        groups[k] = Group { middle, sum };
+        if count > 0.0 {
+            field.add(nodes, middle, sum);
         }
     }
 }
@@ -241,41 +268,77 @@ struct Group {
     sum: Vec4,
 }
 
-/// Adds `change`, from which the `means` of its groups are subtracted, turned by `axes`, to
-/// positions and its `per_dt` to velocities, and subtracts its length from the clearances.
+/// Subtracts from the changes of a place, where there are any, what the nodes hold around its groups,
+/// and turns them by the axes. Returns their lengths.
+///
+/// # Safety
+/// The processor must support the instruction set of the function.
+type Settle = unsafe fn(&mut Place, &[Group; GROUPS], &MeanMotion, &[Vec4], &[[f32; 3]; 3]) -> Row<f32>;
+
+/// The function for `simd`, which the processor must support.
+#[inline(never)]
+fn settle_for(simd: Simd) -> Settle {
+    on!(simd, settle(change: &mut Place, groups: &[Group; GROUPS], field: &MeanMotion, nodes: &[Vec4],
+        axes: &[[f32; 3]; 3]) -> Row<f32>)
+}
+
 #[inline(always)]
-fn apply<T: Real>(
-    change: &Place,
-    means: &[Vec4; GROUPS],
+fn settle<L: Lane<Scalar = f32>>(
+    change: &mut Place,
+    groups: &[Group; GROUPS],
+    field: &MeanMotion,
+    nodes: &[Vec4],
     axes: &[[f32; 3]; 3],
+) -> Row<f32> {
+    let mut moved = Row([0.0; LANES]);
+    let mut means = [Vec4::ZERO; GROUPS];
+    for k in 0..GROUPS {
+        means[k] = field.interpolate(nodes, groups[k].middle);
+    }
+    for first in (0..LANES).step_by(L::WIDTH) {
+        let own: V3<L> = V3::load(change, 0, first);
+        let is_held = L::zero().lt(square(own));
+        let mut left = V3::<L>::zero();
+        for c in 0..3 {
+            let mut mean = L::splat(means[first / GROUP][c]);
+            for lane in GROUP..L::WIDTH {
+                mean.set(lane, means[lane / GROUP][c]);
+            }
+            left.0[c] = L::select(is_held, own.0[c] - mean, L::zero());
+        }
+        square(left).sqrt().store(&mut moved, first);
+        for c in 0..3 {
+            let [x, y, z] = axes[c];
+            let turned = L::splat(x) * left.0[0] + L::splat(y) * left.0[1] + L::splat(z) * left.0[2];
+            turned.store(&mut change[c], first);
+        }
+    }
+    moved
+}
+
+/// Adds `change` to positions and its `per_dt` to velocities, and subtracts the lengths `moved` from
+/// clearances.
+#[inline(always)]
+fn add<T: Real>(
+    change: &Place,
+    moved: &Row<f32>,
     per_dt: T,
     [positions, velocities]: [&mut [Row<T>]; 2],
     clearance: &mut Row<T>,
 ) {
     // Loops read and write copies: the compiler vectorises only what cannot overlap.
-    let (old, mut change) = (*change, ORIGIN);
-    for c in 0..3 {
-        let mut mean = [0.0f32; LANES];
-        mean.chunks_exact_mut(GROUP).zip(means).for_each(|(lanes, mean)| lanes.fill(mean[c]));
-        for lane in 0..LANES {
-            let held = (old[0].0[lane] != 0.0) | (old[1].0[lane] != 0.0) | (old[2].0[lane] != 0.0);
-            change[c].0[lane] = if held { old[c].0[lane] - mean[lane] } else { 0.0 };
-        }
-    }
     for (c, (position, velocity)) in positions.iter_mut().zip(velocities).enumerate() {
-        let ([ax, ay, az], mut x, mut v) = (axes[c], position.0, velocity.0);
+        let (change, mut x, mut v) = (change[c].0, position.0, velocity.0);
         for lane in 0..LANES {
-            let by = ax * change[0].0[lane] + ay * change[1].0[lane] + az * change[2].0[lane];
-            let by = T::from(by).unwrap_or_else(T::zero);
+            let by = T::from(change[lane]).unwrap_or_else(T::zero);
             x[lane] = x[lane] + by;
             v[lane] = v[lane] + by * per_dt;
         }
         (position.0, velocity.0) = (x, v);
     }
-    let mut left = clearance.0;
+    let (mut left, moved) = (clearance.0, moved.0);
     for lane in 0..LANES {
-        let (x, y, z) = (change[0].0[lane], change[1].0[lane], change[2].0[lane]);
-        let moved = T::from((x * x + y * y + z * z).sqrt()).unwrap_or_else(T::zero);
+        let moved = T::from(moved[lane]).unwrap_or_else(T::zero);
         let old = left[lane];
         let new = if old > moved { old - moved } else { T::zero() };
         // Below zero it is a depth, not a distance.

@@ -115,6 +115,11 @@ impl Resolver {
         kept(found, &self.kept)
     }
 
+    /// The blocks of the strands that were moved last; some more than once.
+    pub fn moved_blocks(&self) -> impl Iterator<Item = usize> {
+        self.strands.iter().map(|strand| strand.slot / LANES)
+    }
+
     /// Resolves the contacts `found`: see [`crate::interaction::contact::Contacts::resolve`].
     pub fn resolve<T: Real>(
         &mut self,
