@@ -115,8 +115,8 @@ pub enum Step {
         /// The substeps since the last one, or all of the frame.
         span: Span,
     },
-    /// The same, where an interaction before it moved edges since the last substep; if there is such
-    /// a block, also where colliders have stretched edges since the length pass.
+    /// The same, where an interaction before it moved edges since the last substep; if there is
+    /// such a block, also where colliders have stretched edges since the length pass.
     RestoreIfMoved {
         /// As of [`Step::RestoreLengths`].
         span: Span,

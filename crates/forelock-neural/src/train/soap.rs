@@ -66,8 +66,8 @@ pub(super) struct Soap {
 pub(super) type State = [Vec<f32>; 3];
 
 /// `x`, or 0 if it is [`TINY`], so that products of two such numbers are never subnormal. Means of
-/// what has become 0 decay to subnormal numbers within some thousand steps, with which arithmetic is
-/// a hundred times slower.
+/// what has become 0 decay to subnormal numbers within some thousand steps, with which arithmetic
+/// is a hundred times slower.
 fn without_tiny(x: f32) -> f32 {
     if x.abs() < TINY { 0.0 } else { x }
 }
@@ -363,8 +363,8 @@ mod tests {
         assert!(last[..SIZE].iter().all(|x| *x == 0.0) && last[SIZE] == 1.0);
     }
 
-    /// What no longer has a gradient decays to 0, not to subnormal numbers, with which products take
-    /// a hundred times as long.
+    /// What no longer has a gradient decays to 0, not to subnormal numbers, with which products
+    /// take a hundred times as long.
     #[test]
     fn what_has_no_gradient_any_more_becomes_zero() {
         const SIZE: usize = 24;

@@ -369,8 +369,8 @@ fn a_strand_far_away_does_not_matter() {
     }
 }
 
-/// Edges are restored after contacts only in blocks of sixteen strands that a contact has moved or a
-/// collider stretched: hair elsewhere moves as without contacts, to the bit.
+/// Edges are restored after contacts only in blocks of sixteen strands that a contact has moved or
+/// a collider stretched: hair elsewhere moves as without contacts, to the bit.
 #[test]
 fn blocks_without_contacts_keep_their_bits() {
     const APART: usize = 48;

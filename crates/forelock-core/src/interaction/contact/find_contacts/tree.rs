@@ -1,7 +1,5 @@
 //! The segments of a time slice in a tree of boxes.
 
-#![expect(clippy::needless_range_loop, reason = "one index for several arrays")]
-
 use super::chunk::CHUNKS;
 use super::follow::CLOSE;
 use super::pairs::{BALL, Entry, REST};
@@ -282,7 +280,7 @@ mod tests {
                 seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
                 // Few places at first, so that many are equal.
                 let bits = if k < 1000 { 3 } else { 3 * CURVE_BITS };
-                u64::from(seed >> 2) % (1 << bits) << 32 | k
+                (u64::from(seed >> 2) % (1 << bits)) << 32 | k
             })
             .collect();
         let mut expected = order.clone();

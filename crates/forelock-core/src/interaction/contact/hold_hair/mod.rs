@@ -268,8 +268,8 @@ struct Group {
     sum: Vec4,
 }
 
-/// Subtracts from the changes of a place, where there are any, what the nodes hold around its groups,
-/// and turns them by the axes. Returns their lengths.
+/// Subtracts from the changes of a place, where there are any, what the nodes hold around its
+/// groups, and turns them by the axes. Returns their lengths.
 ///
 /// # Safety
 /// The processor must support the instruction set of the function.
@@ -316,8 +316,8 @@ fn settle<L: Lane<Scalar = f32>>(
     moved
 }
 
-/// Adds `change` to positions and its `per_dt` to velocities, and subtracts the lengths `moved` from
-/// clearances.
+/// Adds `change` to positions and its `per_dt` to velocities, and subtracts the lengths `moved`
+/// from clearances.
 #[inline(always)]
 fn add<T: Real>(
     change: &Place,
