@@ -44,6 +44,7 @@ impl SmoothField {
     }
 
     /// The distance at `x`, cm, and its gradient.
+    #[inline(always)]
     pub fn sample<T: Real>(&self, x: [T; 3]) -> (T, [T; 3]) {
         let number = |x: f64| T::from(x).unwrap_or_else(T::zero);
         let [half, over] = [0.5, 1.0 / self.spacing].map(number);

@@ -75,6 +75,12 @@ impl Shape {
         self.ranges()[6].end
     }
 
+    /// The deviations of the first and the second layer's weights at the start of a training:
+    /// √(2/inputs).
+    pub(crate) fn deviations(&self) -> [f64; 2] {
+        [self.statics + self.shared, self.width].map(|inputs| (2.0 / inputs as f64).sqrt())
+    }
+
     /// Floating-point operations of a strand and a frame: two products and the sum of both parts of
     /// the first layer.
     pub fn operations_per_strand(&self) -> usize {

@@ -31,6 +31,9 @@ pub(crate) fn zero_rows(units: usize) -> Rows {
     vec![Row::zeroed(); units * TILE_ROWS]
 }
 
+/// Units that [`by_strand`] takes together: a cache line of each strand.
+const TOGETHER: usize = 16;
+
 /// Up to 64 strands, `[units]` each, as rows.
 pub(crate) fn to_rows<'a>(strands: impl Iterator<Item = &'a [f32]>, rows: &mut [Row<f32>]) {
     for (s, strand) in strands.enumerate() {
@@ -43,9 +46,12 @@ pub(crate) fn to_rows<'a>(strands: impl Iterator<Item = &'a [f32]>, rows: &mut [
 /// Rows of 64 strands to strand by strand, `[64][units]`.
 pub(crate) fn by_strand(rows: &[Row<f32>], to: &mut [f32]) {
     let units = rows.len() / TILE_ROWS;
-    for (unit, rows) in rows.chunks_exact(TILE_ROWS).enumerate() {
-        for (s, x) in rows.iter().flat_map(|row| row.0).enumerate() {
-            to[s * units + unit] = x;
+    for (group, rows) in rows.chunks(TOGETHER * TILE_ROWS).enumerate() {
+        for (s, to) in to.chunks_exact_mut(units).enumerate() {
+            let to = &mut to[group * TOGETHER..];
+            for (rows, to) in rows.chunks_exact(TILE_ROWS).zip(to) {
+                *to = rows[s / LANES].0[s % LANES];
+            }
         }
     }
 }
@@ -59,13 +65,15 @@ pub enum Start<'a> {
     Bias(&'a [f32]),
     /// The same, and each sum below zero becomes zero.
     BiasRelu(&'a [f32]),
+    /// C₀ is what C holds.
+    Sums,
 }
 
 impl Start<'_> {
     #[inline(always)]
     fn bias(&self, m: usize) -> f32 {
         match self {
-            Self::Zero => 0.0,
+            Self::Zero | Self::Sums => 0.0,
             Self::Bias(bias) | Self::BiasRelu(bias) => bias[m],
         }
     }
@@ -87,49 +95,62 @@ pub struct Factors<'a> {
 /// # Panics
 /// If the lengths of the slices do not agree.
 pub fn product(simd: Simd, factors: Factors<'_>, start: Start<'_>, c: &mut [Row<f32>]) {
+    product_of_columns(simd, factors, PACKET, start, c);
+}
+
+/// The same for at least the first `used` columns; the others are computed too or left as they are.
+pub(crate) fn product_of_columns(
+    simd: Simd,
+    factors: Factors<'_>,
+    used: usize,
+    start: Start<'_>,
+    c: &mut [Row<f32>],
+) {
     assert_eq!(factors.a.len() * TILE_ROWS, factors.b.len() * factors.columns, "rows of A and of B");
     assert_eq!(c.len(), TILE_ROWS * factors.columns, "rows of C");
     let simd = simd.resolve();
     assert!(simd.is_supported(), "{simd:?} is not supported by this processor");
-    let run = on!(simd, tiles(factors: Factors<'_>, start: Start<'_>, c: &mut [Row<f32>]));
+    let run = on!(simd, tiles(factors: Factors<'_>, start: Start<'_>, used: usize, c: &mut [Row<f32>]));
     // SAFETY: the instruction set is supported.
     #[allow(unused_unsafe, clippy::allow_attributes, reason = "only instantiations with features are unsafe")]
     unsafe {
-        run(factors, start, c);
+        run(factors, start, used, c);
     }
 }
 
 /// All tiles of C.
 #[inline(always)]
-fn tiles<L: Lane<Scalar = f32>>(factors: Factors<'_>, start: Start<'_>, c: &mut [Row<f32>]) {
+fn tiles<L: Lane<Scalar = f32>>(factors: Factors<'_>, start: Start<'_>, used: usize, c: &mut [Row<f32>]) {
     let mut m = 0;
     while m + TILE <= factors.columns {
-        rows::<L, TILE>(factors, start, m, c);
+        rows::<L, TILE>(factors, start, m, used, c);
         m += TILE;
     }
     match factors.columns - m {
-        1 => rows::<L, 1>(factors, start, m, c),
-        2 => rows::<L, 2>(factors, start, m, c),
-        3 => rows::<L, 3>(factors, start, m, c),
-        4 => rows::<L, 4>(factors, start, m, c),
-        5 => rows::<L, 5>(factors, start, m, c),
+        1 => rows::<L, 1>(factors, start, m, used, c),
+        2 => rows::<L, 2>(factors, start, m, used, c),
+        3 => rows::<L, 3>(factors, start, m, used, c),
+        4 => rows::<L, 4>(factors, start, m, used, c),
+        5 => rows::<L, 5>(factors, start, m, used, c),
         _ => {}
     }
 }
 
-/// `M` rows of C from row `first`.
+/// `M` rows of C from row `first`, `used` columns of them.
 #[inline(always)]
 fn rows<L: Lane<Scalar = f32>, const M: usize>(
     factors: Factors<'_>,
     start: Start<'_>,
     first: usize,
+    used: usize,
     c: &mut [Row<f32>],
 ) {
-    // Registers of AVX-512 hold twice as many tiles as those of AVX2.
-    if L::WIDTH == LANES {
+    let lanes = used.min(PACKET).div_ceil(L::WIDTH);
+    // Registers of AVX-512 hold twice as many tiles as those of AVX2; 32 columns do not need them.
+    if L::WIDTH == LANES && lanes > 2 {
         tile::<L, M, 4>(factors, start, [first, 0], c);
     } else {
-        for column in (0..PACKET / L::WIDTH).step_by(2) {
+        for column in (0..lanes).step_by(2) {
             tile::<L, M, 2>(factors, start, [first, column], c);
         }
     }
@@ -146,7 +167,13 @@ fn tile<L: Lane<Scalar = f32>, const M: usize, const R: usize>(
     let [first, column] = at;
     let mut sums = [[L::zero(); R]; M];
     for m in 0..M {
-        sums[m] = [L::splat(start.bias(first + m)); R];
+        for r in 0..R {
+            let lane = (column + r) * L::WIDTH;
+            sums[m][r] = match start {
+                Start::Sums => L::load(&c[(first + m) * TILE_ROWS + lane / LANES], lane % LANES),
+                _ => L::splat(start.bias(first + m)),
+            };
+        }
     }
     let weights = factors.a.chunks_exact(factors.columns);
     for (weights, inputs) in weights.zip(factors.b.chunks_exact(TILE_ROWS)) {

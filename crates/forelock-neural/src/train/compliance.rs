@@ -64,7 +64,7 @@ impl<L: Lane> Edges<L> {
 
     /// C Π D K⁻¹ Dᵀ of forces across the edges.
     #[inline(always)]
-    fn displacement(&self, stiffness: Pentadiagonal<L>, across: &[V3<L>; EDGES + 1]) -> Strand<L> {
+    fn displacement(&self, stiffness: &Eliminated<L>, across: &[V3<L>; EDGES + 1]) -> Strand<L> {
         let mut moved = [V3::zero(); EDGES];
         for i in 0..EDGES {
             moved[i] = across[i] - across[i + 1];
@@ -119,48 +119,75 @@ impl<L: Lane> Pentadiagonal<L> {
         own
     }
 
-    /// Solves for `b`, in its place, by elimination.
+    /// Eliminates what is below the main diagonal.
     #[inline(always)]
-    fn solve(mut self, b: &mut [V3<L>; EDGES]) {
+    fn eliminated(mut self) -> Eliminated<L> {
         for i in 0..EDGES {
             self.main[i] = L::one() / self.main[i];
             if i + 1 < EDGES {
                 let share = self.next[i] * self.main[i];
                 self.main[i + 1] -= share * self.next[i];
                 self.next[i + 1] -= share * self.second[i];
-                b[i + 1] = b[i + 1].add_scaled(-share, b[i]);
             }
             if i + 2 < EDGES {
                 let share = self.second[i] * self.main[i];
                 self.main[i + 2] -= share * self.second[i];
-                b[i + 2] = b[i + 2].add_scaled(-share, b[i]);
+            }
+        }
+        Eliminated(self)
+    }
+}
+
+/// A matrix after elimination, its main diagonal inverted.
+struct Eliminated<L>(Pentadiagonal<L>);
+
+impl<L: Lane> Eliminated<L> {
+    /// Solves for `b`, in its place.
+    #[inline(always)]
+    fn solve(&self, b: &mut [V3<L>; EDGES]) {
+        let Pentadiagonal { main, next, second } = &self.0;
+        for i in 0..EDGES {
+            if i + 1 < EDGES {
+                b[i + 1] = b[i + 1].add_scaled(-(next[i] * main[i]), b[i]);
+            }
+            if i + 2 < EDGES {
+                b[i + 2] = b[i + 2].add_scaled(-(second[i] * main[i]), b[i]);
             }
         }
         for i in (0..EDGES).rev() {
             if i + 1 < EDGES {
-                b[i] = b[i].add_scaled(-self.next[i], b[i + 1]);
+                b[i] = b[i].add_scaled(-next[i], b[i + 1]);
             }
             if i + 2 < EDGES {
-                b[i] = b[i].add_scaled(-self.second[i], b[i + 2]);
+                b[i] = b[i].add_scaled(-second[i], b[i + 2]);
             }
-            b[i] = b[i].scale(self.main[i]);
+            b[i] = b[i].scale(main[i]);
         }
     }
 }
 
-/// P times `gradient`, that of an energy whose single particles have the stiffness `held`, for the
-/// strand at `x` with the bending stiffness `bend_twist`: minus the displacement, cm.
-#[inline(always)]
-pub(super) fn compliance<L: Lane>(
-    bend_twist: f64,
-    x: &Strand<L>,
-    gradient: &Strand<L>,
-    held: &[L; PARTICLES],
-) -> Strand<L> {
-    let edges = Edges::new(x);
-    let load = edges.load(gradient);
-    let stiffness = Pentadiagonal::stiffness(&edges, &load.tensions, L::from_f64(bend_twist), held);
-    edges.displacement(stiffness, &load.across)
+/// P of a strand.
+pub(super) struct Compliance<L> {
+    edges: Edges<L>,
+    stiffness: Eliminated<L>,
+}
+
+impl<L: Lane> Compliance<L> {
+    /// Of the strand at `x` with the bending stiffness `bend_twist`. `gradient` is that of the
+    /// energy: it gives the tensions. `held` is the stiffness that holds single particles.
+    #[inline(always)]
+    pub fn new(bend_twist: f64, x: &Strand<L>, gradient: &Strand<L>, held: &[L; PARTICLES]) -> Self {
+        let edges = Edges::new(x);
+        let tensions = edges.load(gradient).tensions;
+        let stiffness = Pentadiagonal::stiffness(&edges, &tensions, L::from_f64(bend_twist), held);
+        Self { edges, stiffness: stiffness.eliminated() }
+    }
+
+    /// P times `gradient`: minus the displacement, cm.
+    #[inline(always)]
+    pub fn displacement(&self, gradient: &Strand<L>) -> Strand<L> {
+        self.edges.displacement(&self.stiffness, &self.edges.load(gradient).across)
+    }
 }
 
 #[cfg(test)]
@@ -189,7 +216,7 @@ mod tests {
     fn edges_keep_their_length_and_the_work_is_not_negative() {
         for seed in 0..20 {
             let [x, f, _] = random(seed);
-            let moved = compliance(100.0, &x, &f, &[1e-3; PARTICLES]);
+            let moved = Compliance::new(100.0, &x, &f, &[1e-3; PARTICLES]).displacement(&f);
             assert!(dot(&moved, &f) > 0.0);
             assert!(moved[0].dot(moved[0]) == 0.0);
             for i in 0..EDGES {
@@ -203,14 +230,10 @@ mod tests {
     fn it_is_symmetric() {
         for seed in 0..20 {
             let [x, f, g] = random(seed);
-            let edges = Edges::new(&x);
-            let [held, tensions] = [[1e-3; PARTICLES], [0.02; PARTICLES]];
-            let moved = |f: &Strand<f64>| {
-                let stiffness = Pentadiagonal::stiffness(&edges, &tensions, 100.0, &held);
-                edges.displacement(stiffness, &edges.load(f).across)
-            };
-            let [one, other] = [dot(&moved(&f), &g), dot(&moved(&g), &f)];
-            let size = (dot(&moved(&f), &f) * dot(&moved(&g), &g)).sqrt();
+            let compliance = Compliance::new(100.0, &x, &f, &[1e-3; PARTICLES]);
+            let [of_f, of_g] = [&f, &g].map(|x| compliance.displacement(x));
+            let [one, other] = [dot(&of_f, &g), dot(&of_g, &f)];
+            let size = (dot(&of_f, &f) * dot(&of_g, &g)).sqrt();
             assert!((one - other).abs() < 1e-9 * size, "{one} {other} of {size}");
         }
     }
@@ -222,7 +245,7 @@ mod tests {
         let x: Strand<f64> = std::array::from_fn(|i| V3([0.5 * i as f64, 0.0, 0.0]));
         let mut f = zero();
         f[EDGES] = V3([0.0, 0.01, 0.0]);
-        let moved = compliance(100.0, &x, &f, &[0.0; PARTICLES]);
+        let moved = Compliance::new(100.0, &x, &f, &[0.0; PARTICLES]).displacement(&f);
         // Joint i has the arm 0.5 (24 − i) and turns by the moment over its stiffness k_bt/l.
         let turn = |i: usize| 0.01 * 0.5 * (24 - i) as f64 / (200.0 * if i == 0 { 2.0 } else { 1.0 });
         let expected: f64 = (0..EDGES).map(|i| turn(i) * 0.5 * (24 - i) as f64).sum();
@@ -236,7 +259,7 @@ mod tests {
         let x: Strand<f64> = std::array::from_fn(|i| V3([0.0, -0.5 * i as f64, 0.0]));
         let mut f = zero();
         f[EDGES] = V3([0.001, 2.0, 0.0]);
-        let moved = compliance(0.0, &x, &f, &[0.0; PARTICLES]);
+        let moved = Compliance::new(0.0, &x, &f, &[0.0; PARTICLES]).displacement(&f);
         assert!((moved[EDGES].0[0] - 0.001 * 12.0 / 2.0).abs() < 1e-12);
     }
 }

@@ -1,11 +1,12 @@
 //! Products over a batch that the ways back through networks share.
 
-use crate::network::product::{Factors, PACKET, Rows, Start, TILE_ROWS, product, zero_rows};
-use bytemuck::Zeroable;
-use forelock_core::lane::{LANES, Row, Simd};
+use crate::network::product::{Factors, PACKET, Rows, Start, TILE_ROWS, product_of_columns, zero_rows};
+use forelock_core::lane::{Row, Simd};
 use rayon::prelude::*;
 use std::ops::Range;
 
+/// Strands that a product sums before the next tile: their numbers stay in the second-level cache.
+const DEPTH: usize = 64;
 /// Minimum number of rows of a product that a task copies.
 const ROWS: usize = 64;
 
@@ -54,23 +55,31 @@ pub(crate) fn bias_gradient(parts: &[&[f32]], sums: &mut [f32]) {
 }
 
 /// AᵀB of factors in parts, `[strands, m]` and `[strands, n]`: `[m, n]`, the gradient of a layer's
-/// weights from its inputs and from the gradient with respect to its sums.
+/// weights from its inputs and from the gradient with respect to its sums. Each number is summed in
+/// the order of the strands.
+///
+/// # Panics
+/// If the parts do not agree in their number and strands.
 pub(crate) fn weight_gradient(simd: Simd, [a, b]: [&[&[f32]]; 2], [m, n]: [usize; 2], found: &mut [f32]) {
-    let a: Vec<f32> = a.concat();
+    let [of_a, of_b] =
+        [(a, m), (b, n)].map(|(parts, units)| parts.iter().map(move |part| part.len() / units));
+    assert!(of_a.eq(of_b), "parts of the factors");
     let blocks: Vec<Rows> = (0..n.div_ceil(PACKET))
         .into_par_iter()
         .map(|block| {
             let columns = block * PACKET..n.min((block + 1) * PACKET);
-            let mut rows = Vec::with_capacity(a.len() / m * TILE_ROWS);
-            for strand in b.iter().flat_map(|part| part.chunks_exact(n)) {
-                let mut packed = [Row::zeroed(); TILE_ROWS];
-                for (c, x) in strand[columns.clone()].iter().enumerate() {
-                    packed[c / LANES].0[c % LANES] = *x;
+            let used = columns.len();
+            let (mut packed, mut c) = (zero_rows(DEPTH), zero_rows(m));
+            for (a, b) in a.iter().zip(b) {
+                for (a, b) in a.chunks(DEPTH * m).zip(b.chunks(DEPTH * n)) {
+                    for (packed, strand) in packed.chunks_exact_mut(TILE_ROWS).zip(b.chunks_exact(n)) {
+                        let packed: &mut [f32] = bytemuck::cast_slice_mut(packed);
+                        packed[..used].copy_from_slice(&strand[columns.clone()]);
+                    }
+                    let b = &packed[..b.len() / n * TILE_ROWS];
+                    product_of_columns(simd, Factors { a, columns: m, b }, used, Start::Sums, &mut c);
                 }
-                rows.extend(packed);
             }
-            let mut c = zero_rows(m);
-            product(simd, Factors { a: &a, columns: m, b: &rows }, Start::Zero, &mut c);
             c
         })
         .collect();
@@ -80,4 +89,44 @@ pub(crate) fn weight_gradient(simd: Simd, [a, b]: [&[&[f32]]; 2], [m, n]: [usize
             found.copy_from_slice(&from[..found.len()]);
         }
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    /// Of several parts, of more strands than are summed together, of columns that do not fill a
+    /// block.
+    #[test]
+    fn a_weight_gradient_is_the_sum_over_the_strands_of_all_parts() {
+        let mut random = Random::new(5);
+        let on_each =
+            |sizes| Simd::ALL.iter().filter(|simd| simd.is_supported()).map(move |simd| (sizes, *simd));
+        for ([m, n], simd) in [[1, 1], [7, 9], [13, 64], [66, 72], [66, 100]].into_iter().flat_map(on_each) {
+            let strands = [3, 64, 2 * DEPTH + 5];
+            let mut numbers =
+                |of: usize| strands.map(|s| (0..s * of).map(|_| random.signed() as f32).collect());
+            let (a, b): ([Vec<f32>; 3], [Vec<f32>; 3]) = (numbers(m), numbers(n));
+            let of = |a: &[&[f32]], b: &[&[f32]]| {
+                let mut found = vec![f32::NAN; m * n];
+                weight_gradient(simd, [a, b], [m, n], &mut found);
+                found
+            };
+            let [slices_a, slices_b] = [&a, &b].map(|parts| parts.each_ref().map(Vec::as_slice));
+            let found = of(&slices_a, &slices_b);
+            let (a, b) = (a.concat(), b.concat());
+            // To the bit: the order does not depend on the parts.
+            assert_eq!(found, of(&[&a], &[&b]));
+            for (k, found) in found.iter().enumerate() {
+                let (i, j) = (k / n, k % n);
+                let rows = a.chunks_exact(m).zip(b.chunks_exact(n));
+                let expected: f64 = rows.map(|(a, b)| f64::from(a[i]) * f64::from(b[j])).sum();
+                assert!(
+                    (f64::from(*found) - expected).abs() < 1e-4,
+                    "{simd:?} {m} {n} {k}: {found} {expected}"
+                );
+            }
+        }
+    }
 }

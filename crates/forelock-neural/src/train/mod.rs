@@ -9,7 +9,8 @@
 //! With repulsion or adhesion the strands of a window are neighbours on the head, and act on each
 //! other in each frame.
 //!
-//! The result is a running average of the network over some hundred steps.
+//! The result is a running average of the network over some hundred steps. Units that no longer
+//! react to any input get new weights now and then (`train/dormant.rs`).
 //!
 //! # Practice
 //! Everything is ours, so that the energies run in lanes as text that the reference results check.
@@ -26,6 +27,7 @@ pub(crate) mod adam;
 mod between;
 mod checkpoint;
 mod compliance;
+mod dormant;
 mod drapes;
 pub(crate) mod gradient;
 pub(crate) mod layers;
@@ -131,7 +133,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             seed: 1,
-            steps: 10_000,
+            steps: 18_000,
             rate: 3e-3,
             last_rate: 0.02,
             largest_gradient: 1.0,
@@ -227,8 +229,7 @@ impl Trainer {
         let mut random = Random::stream(options.seed, 0);
         let mut parameters = vec![0.0f32; shape.parameters()];
         let [statics, shared, _, hidden, _, output, _] = shape.ranges();
-        let first = (2.0 / (shape.statics + shape.shared) as f64).sqrt();
-        let second = (2.0 / shape.width as f64).sqrt();
+        let [first, second] = shape.deviations();
         for (range, deviation) in [(statics, first), (shared, first), (hidden, second), (output, 1e-3)] {
             for weight in &mut parameters[range] {
                 *weight = (deviation * random.normal()) as f32;
@@ -305,6 +306,12 @@ impl Trainer {
         self.descent.step(simd, self.network.parameters_mut(), self.workspace.found(), [rate, scale]);
         self.done += 1;
         average(self.average.parameters_mut(), self.network.parameters(), self.done);
+        if dormant::is_due(self.done, options.share(self.done)) {
+            let shape = *self.network.shape();
+            let networks = [self.network.parameters_mut(), self.average.parameters_mut()];
+            let mut random = Random::stream(options.seed, u64::MAX - u64::from(self.done));
+            dormant::reuse(&shape, networks, self.descent.second_mut(), &mut random);
+        }
         Ok(StepReport { energy, gradient: norm, rate })
     }
 }

@@ -293,7 +293,13 @@ impl<L: Lane> Body<L> for Bust<'_> {
     fn near(&self, x: V3<L>) -> Near<L> {
         let mut near = self.field.near(x);
         for part in self.parts {
-            let ends = part.ends.map(|end| V3(end.0.map(L::from_f64)));
+            // Not mapped: closures are not compiled for the instruction set of the lanes.
+            let mut ends = [V3::zero(); 2];
+            for (end, own) in ends.iter_mut().zip(&part.ends) {
+                for c in 0..3 {
+                    end.0[c] = L::from_f64(own.0[c]);
+                }
+            }
             near = Capsule { ends, radius: L::from_f64(part.radius) }.near(x).min(near);
         }
         near

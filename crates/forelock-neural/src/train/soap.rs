@@ -279,6 +279,12 @@ impl Soap {
         parameters.iter_mut().zip(&moved).for_each(|(p, moved)| *p += moved);
     }
 
+    /// The mean squares of the gradient along the axes; those of the biases as they are.
+    pub(super) fn second_mut(&mut self) -> &mut [f32] {
+        let [_, second] = self.adam.moments_mut();
+        second
+    }
+
     /// What [`Self::resume`] takes.
     pub(super) fn state(&self) -> State {
         let sides = self.matrices.iter().flat_map(|matrix| &matrix.sides);

@@ -7,14 +7,16 @@
 //! Of the **motion** it lowers the residual of the equation of motion, for every three frames:
 //!
 //! ```text
-//! ½ r·P r,   r = ∇V(x_t) + m/Δt² (w_t − 2 w_{t−1} + w_{t−2}) + c m/Δt (w_t − w_{t−1})
+//! ½ r·(P + s P²) r,   r = ∇V(x_t) + m/Δt² (w_t − 2 w_{t−1} + w_{t−2}) + c m/Δt (w_t − w_{t−1})
 //! ```
 //!
-//! with P the strand's compliance without inertia ([`compliance`]), held constant. With δ = P r and
-//! the stiffness of V times P taken as 1, the gradient with respect to the three predictions is
+//! with P the strand's compliance without inertia ([`Compliance`]), held constant. P r is the
+//! displacement that r causes: the first part is its work, the second ([`SQUARED`]) its square. With
+//! δ = (P + s P²) r and the stiffness of V times P taken as 1, the gradient with respect to the
+//! three predictions is
 //!
 //! ```text
-//! r + (m/Δt² + c m/Δt) δ,   −(2 m/Δt² + c m/Δt) δ,   m/Δt² δ
+//! r + s P r + (m/Δt² + c m/Δt) δ,   −(2 m/Δt² + c m/Δt) δ,   m/Δt² δ
 //! ```
 //!
 //! The paper lowers the energy of a step of implicit Euler, whose gradient is r with respect to x_t
@@ -28,7 +30,7 @@
 //! outweigh slow motion: P then underestimates what soft modes weigh, and they swing freely.
 
 use super::between::Between;
-use super::compliance::compliance;
+use super::compliance::Compliance;
 use super::drapes::squared_error;
 use super::set::Bust;
 use super::{Energies, MOMENTS, STRANDS};
@@ -44,6 +46,10 @@ use forelock_core::lane::{Lane, V3};
 
 /// The share of the inertia m/Δt² that holds each particle in P.
 const HELD: f64 = 1.0 / 3.0;
+
+/// s, the weight of the squared displacement: long hair, which is soft, counts for more with it.
+/// g s⁻².
+const SQUARED: f64 = 0.03;
 
 /// What motions are trained towards.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -172,25 +178,31 @@ impl<L: Lane> Window<'_, L> {
         energy + self.neighbours.add(ago, gradient, held)
     }
 
-    /// ½ r·P r of the frame `ago` before the newest.
+    /// ½ r·(P + s P²) r of the frame `ago` before the newest.
     #[inline(always)]
     fn residual(&self, x: &Strands<L>, ago: usize, by: &mut Strands<L>) -> L {
         let terms = &self.goal.energies.motion;
         let over_dt = terms.mass / terms.dt_secs;
         let mut held = [L::from_f64(HELD * over_dt / terms.dt_secs); PARTICLES];
-        let before = [1, 2].map(|k| self.places[ago + k].world(&x[ago + k]));
-        let inertial = Inertial { place: self.places[ago], before: [&before[0], &before[1]] };
+        // Not mapped: closures are not compiled for the instruction set of the lanes.
+        let last = self.places[ago + 1].world(&x[ago + 1]);
+        let last_but_one = self.places[ago + 2].world(&x[ago + 2]);
+        let inertial = Inertial { place: self.places[ago], before: [&last, &last_but_one] };
         let mut r = zero();
         self.frame(&x[ago], ago, &inertial, &mut r, &mut held);
-        let moved = compliance(self.goal.energies.elastic.bend_twist, &x[ago], &r, &held);
+        let compliance = Compliance::new(self.goal.energies.elastic.bend_twist, &x[ago], &r, &held);
+        let moved = compliance.displacement(&r);
+        let again = compliance.displacement(&moved);
+        let squared = L::from_f64(SQUARED);
         let inertia = L::from_f64(over_dt / terms.dt_secs);
         let drag = L::from_f64(over_dt * terms.drag);
         let mut sum = L::zero();
         for i in 1..PARTICLES {
-            sum += r[i].dot(moved[i]);
-            by[ago][i] += r[i].add_scaled(inertia + drag, moved[i]);
+            let delta = moved[i].add_scaled(squared, again[i]);
+            sum += r[i].dot(delta);
+            by[ago][i] += r[i].add_scaled(squared, moved[i]).add_scaled(inertia + drag, delta);
             // δ in the axes of the world, then of the frames before.
-            let world = V3::zero().add_mul(&self.places[ago].rotation, moved[i]);
+            let world = V3::zero().add_mul(&self.places[ago].rotation, delta);
             let first = world.scale(-(inertia + inertia + drag));
             by[ago + 1][i] = by[ago + 1][i].add_transposed(&self.places[ago + 1].rotation, first);
             let second = world.scale(inertia);
@@ -209,8 +221,9 @@ mod tests {
     use forelock_core::lane::Mat3;
     use glam::{DMat3, DVec3};
 
-    /// The energy is ½ r·P r. The gradient with respect to the frames before is exact; that with
-    /// respect to the frame is r and the inertia's and the drag's part of the derivative of r.
+    /// The energy is ½ r·(P + s P²) r. The gradient with respect to the frames before is exact; that
+    /// with respect to the frame is r + s P r and the inertia's and the drag's part of the
+    /// derivative of r.
     #[test]
     fn the_residual_and_its_gradient_are_those_of_the_equation_of_motion() {
         let mut random = Random::new(5);
@@ -252,11 +265,14 @@ mod tests {
             (r, held)
         };
         let (r, held) = residual(&x);
-        let moved = compliance(100.0, &x[0], &r, &held);
+        let compliance = Compliance::new(100.0, &x[0], &r, &held);
+        let moved = compliance.displacement(&r);
+        let again = compliance.displacement(&moved);
+        let delta: Strand<f64> = std::array::from_fn(|i| moved[i].add_scaled(SQUARED, again[i]));
         let dot = |a: &Strand<f64>, b: &Strand<f64>| -> f64 { a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum() };
         let mut by = [zero(); MOMENTS];
         let energy = window.residual(&x, 0, &mut by);
-        let expected = 0.5 * (dot(&r, &moved));
+        let expected = 0.5 * (dot(&r, &moved) + SQUARED * dot(&moved, &moved));
         assert!((energy / expected - 1.0).abs() < 1e-9, "{energy} {expected}");
         for ago in 1..3 {
             let mut direction = zero();
@@ -265,12 +281,12 @@ mod tests {
             changed[ago].iter_mut().zip(&direction).for_each(|(x, d)| *x += *d);
             let (after, _) = residual(&changed);
             let change: Strand<f64> = std::array::from_fn(|i| after[i] - r[i]);
-            let [found, expected] = [dot(&by[ago], &direction), dot(&change, &moved)];
+            let [found, expected] = [dot(&by[ago], &direction), dot(&change, &delta)];
             assert!((found / expected - 1.0).abs() < 1e-6, "{ago}: {found} {expected}");
         }
         let inertia = terms.mass / terms.dt_secs * (1.0 / terms.dt_secs + terms.drag);
         for i in 1..PARTICLES {
-            let off = by[0][i] - r[i].add_scaled(inertia, moved[i]);
+            let off = by[0][i] - r[i].add_scaled(SQUARED, moved[i]).add_scaled(inertia, delta[i]);
             assert!(off.dot(off) < 1e-18);
         }
     }

@@ -1,6 +1,6 @@
 //! The file of a training.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use forelock_core::lane::Simd;
@@ -199,7 +199,7 @@ forelock_core::documented! {
 pub struct TrainingSteps {
     /// Steps of the strand codes. Unit steps, default 4000, range 1 to 1000000.
     pub codes: u32,
-    /// Steps of the simulator. Unit steps, default 10000, range 1 to 10000000.
+    /// Steps of the simulator. Unit steps, default 18000, range 1 to 10000000.
     pub simulator: u32,
     /// Learning rate at the start. No unit, default 0.003, range 1e-7 to 1.
     pub rate: f64,
@@ -293,7 +293,7 @@ impl Default for TrainingSteps {
         let Options { rate, last_rate, warm_start, .. } = Options::default();
         Self {
             codes: 4000,
-            simulator: 10_000,
+            simulator: 18_000,
             rate,
             last_rate,
             drape: warm_start,
@@ -445,12 +445,35 @@ impl TrainingConfig {
 
     /// A hash of all keys, 16 hexadecimal digits; where files lie is no part of it.
     pub fn digest(&self) -> String {
+        format!("{:016x}", Fnv::new().bytes(self.without_folders().to_toml().as_bytes()).value())
+    }
+
+    /// The configuration with names in place of the paths of its files.
+    fn without_folders(&self) -> Self {
         let mut own = self.clone();
         let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         own.hair.scene = name(&own.hair.scene).into();
         own.hair.grooms.iter_mut().for_each(|groom| *groom = name(groom.as_ref()));
         own.motions.files.iter_mut().for_each(|file| *file = name(file).into());
-        format!("{:016x}", Fnv::new().bytes(own.to_toml().as_bytes()).value())
+        own
+    }
+
+    /// The keys, as `section.key`, whose values differ from those of `other`; where files lie is no
+    /// part of them.
+    pub(super) fn keys_that_differ(&self, other: &Self) -> Vec<String> {
+        let keys = |config: &Self| -> BTreeMap<String, toml::Value> {
+            let table: toml::Table = config.without_folders().to_toml().parse().unwrap_or_default();
+            let sections = table.into_iter().flat_map(|(name, value)| match value {
+                toml::Value::Table(keys) => {
+                    keys.into_iter().map(|(key, value)| (format!("{name}.{key}"), value)).collect()
+                }
+                value => vec![(name, value)],
+            });
+            sections.collect()
+        };
+        let before = keys(other);
+        let differs = |(key, value): &(String, toml::Value)| before.get(key) != Some(value);
+        keys(self).into_iter().filter(differs).map(|(key, _)| key).collect()
     }
 }
 

@@ -141,7 +141,7 @@ pub enum TrainingError {
         /// The file.
         path: PathBuf,
         /// What differs, and what to do.
-        what: &'static str,
+        what: String,
     },
     /// No step was good enough to be kept.
     #[error(

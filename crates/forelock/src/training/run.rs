@@ -24,6 +24,9 @@ use super::recorded::Recorded;
 use super::{TrainingError, page};
 use crate::progress::{Observer, Progress};
 
+/// Changes with what a step of a training computes, so that no checkpoint goes on in another way.
+const TRAINING_VERSION: u32 = 2;
+
 /// The name under which the steps of the simulator report their progress: a training that is asked
 /// to stop ends soon while they run, and can be resumed.
 pub const TRAINING: &str = "training";
@@ -135,7 +138,7 @@ pub fn train(
             remove(&out.join(name))?;
         }
     } else if resumed.1.hair != digest {
-        let what = "its hair or its recorded motions were others; train without --resume";
+        let what = "its hair or its recorded motions were others; train without --resume".to_owned();
         return Err(TrainingError::Other { path: out.join(CHECKPOINT), what });
     }
     write(&out.join(CONFIG), format!("{HEADER}{}", config.to_toml()).as_bytes())?;
@@ -195,7 +198,7 @@ fn resumed(
 ) -> Result<(Resumed, Note), TrainingError> {
     let own: Options = config.options();
     let simd = format!("{:?}", Simd::Auto.resolve()).to_lowercase();
-    let version = env!("CARGO_PKG_VERSION").to_owned();
+    let version = format!("{}, training {TRAINING_VERSION}", env!("CARGO_PKG_VERSION"));
     let begun = Note { digest: config.digest(), version, simd, ..Note::default() };
     let path = options.out.join(CHECKPOINT);
     let start = |note: Note| {
@@ -217,21 +220,27 @@ fn resumed(
     };
     let resumed = Trainer::resume(own, &bytes)
         .map_err(|error| TrainingError::Checkpoint { path: path.clone(), error })?;
-    let note: Note = serde_json::from_str(&resumed.note)
-        .map_err(|_| TrainingError::Other { path: path.clone(), what: "train without --resume" })?;
-    let differs = if note.digest != begun.digest {
-        Some("give the same configuration and --set options, or train without --resume")
-    } else if note.version != begun.version {
-        Some("another version of Forelock wrote it; train without --resume")
+    let note: Note = serde_json::from_str(&resumed.note).map_err(|_| TrainingError::Other {
+        path: path.clone(),
+        what: "train without --resume".to_owned(),
+    })?;
+    let what = if note.version != begun.version {
+        "another version of Forelock wrote it; train without --resume".to_owned()
     } else if note.simd != begun.simd {
-        Some("its instruction set is another one; train without --resume")
+        "its instruction set is another one; train without --resume".to_owned()
+    } else if note.digest != begun.digest {
+        let before = TrainingConfig::load(&options.out.join(CONFIG), &[]);
+        let keys = before.map(|before| config.keys_that_differ(&before)).unwrap_or_default();
+        let what = match keys.as_slice() {
+            [] => String::new(),
+            [key] => format!("`{key}` had another value; "),
+            keys => format!("`{}` had other values; ", keys.join("`, `")),
+        };
+        format!("{what}give the same configuration and --set options, or train without --resume")
     } else {
-        None
+        return Ok((resumed, note));
     };
-    match differs {
-        Some(what) => Err(TrainingError::Other { path, what }),
-        None => Ok((resumed, note)),
-    }
+    Err(TrainingError::Other { path, what })
 }
 
 fn predictor(trainer: &Trainer, network: &Network<f32>) -> Result<Predictor, TrainingError> {

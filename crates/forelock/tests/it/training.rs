@@ -72,7 +72,7 @@ fn an_interrupted_training_on_two_threads_gives_the_model_of_a_whole_one_on_one_
     let none = AtomicBool::new(false);
     let other = config(&["energies.drag=3"]).unwrap();
     let error = train(&other, &resume, &mut |_| {}, &none).unwrap_err();
-    assert!(error.to_string().contains("of another training"), "{error}");
+    assert!(error.to_string().contains("of another training: `energies.drag` had another value"), "{error}");
     let path = parts.join("checkpoint.safetensors");
     let mut bytes = std::fs::read(&path).unwrap();
     bytes.truncate(bytes.len() / 2);
@@ -223,10 +223,7 @@ fn the_built_in_model_moves_hair_as_the_reference() {
         assert!(score.inside <= 1e-3 && score.stretch <= 1e-5, "{groom}: {score:?}");
         assert!(score.corr >= 0.75 && score.corr_vel >= 0.6, "{groom}: {score:?}");
         assert!(score.nrmse_dyn <= 0.65, "{groom}: {score:?}");
-        assert!((0.5..=0.95).contains(&score.motion_ratio), "{groom}: {score:?}");
-        // Long straight and wavy hair that a turn throws over a shoulder stays there, and a short
-        // bob hardly moves.
-        let bar = if ["straight", "wavy", "bob x 0.5"].contains(&groom.as_str()) { 0.6 } else { 0.5 };
-        assert!(score.nrmse <= bar, "{groom}: {score:?}");
+        assert!((0.6..=0.95).contains(&score.motion_ratio), "{groom}: {score:?}");
+        assert!(score.nrmse <= 0.5, "{groom}: {score:?}");
     }
 }
