@@ -11,9 +11,9 @@
 //! ```
 //!
 //! with P the strand's compliance without inertia ([`Compliance`]), held constant. P r is the
-//! displacement that r causes: the first part is its work, the second ([`SQUARED`]) its square. With
-//! δ = (P + s P²) r and the stiffness of V times P taken as 1, the gradient with respect to the
-//! three predictions is
+//! displacement that r causes: the first part is its work, the second ([`SQUARED`]) its square.
+//! With δ = (P + s P²) r and the stiffness of V times P taken as 1, the gradient with respect to
+//! the three predictions is
 //!
 //! ```text
 //! r + s P r + (m/Δt² + c m/Δt) δ,   −(2 m/Δt² + c m/Δt) δ,   m/Δt² δ
@@ -221,8 +221,8 @@ mod tests {
     use forelock_core::lane::Mat3;
     use glam::{DMat3, DVec3};
 
-    /// The energy is ½ r·(P + s P²) r. The gradient with respect to the frames before is exact; that
-    /// with respect to the frame is r + s P r and the inertia's and the drag's part of the
+    /// The energy is ½ r·(P + s P²) r. The gradient with respect to the frames before is exact;
+    /// that with respect to the frame is r + s P r and the inertia's and the drag's part of the
     /// derivative of r.
     #[test]
     fn the_residual_and_its_gradient_are_those_of_the_equation_of_motion() {
