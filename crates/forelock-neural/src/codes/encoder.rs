@@ -12,10 +12,12 @@
 use super::Encoder;
 use super::encode::run_layers;
 use crate::PARTICLES;
-use crate::network::product::{Factors, PACKET, Start, TILE_ROWS, by_strand, product, to_rows, zero_rows};
+use crate::network::product::{
+    Factors, PACKET, Start, TILE_ROWS, by_strand, product, to_rows, transpose, zero_rows,
+};
 use crate::random::Random;
 use crate::train::adam::Adam;
-use crate::train::layers::{bias_gradient, mask_rows, transpose, weight_gradient};
+use crate::train::layers::{bias_gradient, mask_rows, weight_gradient};
 use forelock_core::lane::Simd;
 use rayon::prelude::*;
 

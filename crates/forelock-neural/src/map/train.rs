@@ -13,13 +13,13 @@
 
 use super::{DEPTH, LAYERS, Level, MapNetwork, MapStrands, Pass, TEXELS, Weights, apply, parameters, ranges};
 use crate::PARTICLES;
-use crate::network::product::{PACKET, Start, TILE_ROWS, by_strand, to_rows, zero_rows};
+use crate::network::product::{PACKET, Start, TILE_ROWS, by_strand, to_rows, transpose, zero_rows};
 use crate::network::rotation::basis;
 use crate::network::{OUTPUTS, SHARED};
 use crate::random::Random;
 use crate::train::adam::Adam;
 use crate::train::gradient::{Aims, OfRow, unfold};
-use crate::train::layers::{bias_gradient, mask, transpose, weight_gradient};
+use crate::train::layers::{bias_gradient, mask, weight_gradient};
 use crate::train::set::Drawn;
 use crate::train::window::Goal;
 use crate::train::{MOMENTS, NotFinite, Options, StepReport, TrainingSet, average, shared};

@@ -31,9 +31,6 @@ pub(crate) fn zero_rows(units: usize) -> Rows {
     vec![Row::zeroed(); units * TILE_ROWS]
 }
 
-/// Units that [`by_strand`] takes together: a cache line of each strand.
-const TOGETHER: usize = 16;
-
 /// Up to 64 strands, `[units]` each, as rows.
 pub(crate) fn to_rows<'a>(strands: impl Iterator<Item = &'a [f32]>, rows: &mut [Row<f32>]) {
     for (s, strand) in strands.enumerate() {
@@ -45,12 +42,19 @@ pub(crate) fn to_rows<'a>(strands: impl Iterator<Item = &'a [f32]>, rows: &mut [
 
 /// Rows of 64 strands to strand by strand, `[64][units]`.
 pub(crate) fn by_strand(rows: &[Row<f32>], to: &mut [f32]) {
-    let units = rows.len() / TILE_ROWS;
-    for (group, rows) in rows.chunks(TOGETHER * TILE_ROWS).enumerate() {
-        for (s, to) in to.chunks_exact_mut(units).enumerate() {
-            let to = &mut to[group * TOGETHER..];
-            for (rows, to) in rows.chunks_exact(TILE_ROWS).zip(to) {
-                *to = rows[s / LANES].0[s % LANES];
+    transpose(bytemuck::cast_slice(rows), PACKET, to);
+}
+
+/// `[rows, columns]` to `[columns, rows]`.
+pub(crate) fn transpose(from: &[f32], columns: usize, to: &mut [f32]) {
+    // So many rows at a time: their numbers fill whole cache lines of `to`.
+    const TOGETHER: usize = 16;
+    let rows = from.len() / columns;
+    for first in (0..rows).step_by(TOGETHER) {
+        let last = rows.min(first + TOGETHER);
+        for (c, to) in to.chunks_exact_mut(rows).enumerate() {
+            for (r, to) in (first..last).zip(&mut to[first..last]) {
+                *to = from[r * columns + c];
             }
         }
     }

@@ -12,7 +12,7 @@
 //! of weights.
 
 use super::between::{Between, Neighbourhood};
-use super::layers::{bias_gradient, mask_rows, parts, transpose, weight_gradient};
+use super::layers::{bias_gradient, mask_rows, parts, weight_gradient};
 use super::set::{Bust, Drawn, shared as shared_inputs};
 use super::window::{Goal, Neighbours, Window};
 use super::{FRAMES, MOMENTS, STRANDS, TrainingSet};
@@ -21,7 +21,7 @@ use crate::losses::motion::Place;
 use crate::losses::{Strand, zero};
 use crate::network::head::Head;
 use crate::network::product::{
-    Factors, PACKET, Rows, Start, TILE_ROWS, by_strand, product, to_rows, zero_rows,
+    Factors, PACKET, Rows, Start, TILE_ROWS, by_strand, product, to_rows, transpose, zero_rows,
 };
 use crate::network::rotation::Basis;
 use crate::network::{Network, OUTPUTS, STATICS, Shape};

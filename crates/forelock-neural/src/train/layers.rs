@@ -22,21 +22,6 @@ pub(crate) fn mask_rows(activations: &[Row<f32>], by: &mut [Row<f32>]) {
     mask(bytemuck::cast_slice(activations), bytemuck::cast_slice_mut(by));
 }
 
-/// `[rows, columns]` to `[columns, rows]`.
-pub(crate) fn transpose(from: &[f32], columns: usize, to: &mut [f32]) {
-    // So many rows at a time: their numbers fill whole cache lines of `to`.
-    const TOGETHER: usize = 16;
-    let rows = from.len() / columns;
-    for first in (0..rows).step_by(TOGETHER) {
-        let last = rows.min(first + TOGETHER);
-        for (c, to) in to.chunks_exact_mut(rows).enumerate() {
-            for (r, to) in (first..last).zip(&mut to[first..last]) {
-                *to = from[r * columns + c];
-            }
-        }
-    }
-}
-
 /// The parts of `whole` at `ranges`, which are inside and do not overlap.
 pub(crate) fn parts<const N: usize>(whole: &mut [f32], ranges: [Range<usize>; N]) -> [&mut [f32]; N] {
     match whole.get_disjoint_mut(ranges) {

@@ -12,8 +12,9 @@
 //! Biases have no axes of their own.
 
 use super::adam::Adam;
-use super::layers::{parts, transpose, weight_gradient};
+use super::layers::{parts, weight_gradient};
 use crate::network::Shape;
+use crate::network::product::transpose;
 use forelock_core::lane::Simd;
 use rayon::prelude::*;
 use std::ops::Range;
