@@ -177,7 +177,7 @@ impl Trial {
         for (clip, reference) in self.clips.iter().zip(&self.references) {
             let mut found = vec![vec![[[0.0; 3]; PARTICLES]; self.rest.len()]; clip.len()];
             for (frame, found) in found.iter_mut().enumerate() {
-                predict(&shared(clip, frame).collect::<Vec<f32>>(), found);
+                predict(&shared(clip, frame), found);
             }
             let mut first = 0;
             for (count, scores) in self.counts.iter().zip(&mut scores) {

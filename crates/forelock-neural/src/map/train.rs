@@ -107,7 +107,7 @@ impl MapTrainer {
         let scale = (options.largest_gradient / norm.max(1e-30)).min(1.0);
         self.adam.step(&mut self.network.parameters, &gradient, [rate, scale]);
         self.done += 1;
-        average(&mut self.average.parameters, &self.network.parameters, self.done);
+        average(&mut self.average.parameters, &self.network.parameters, self.done, 1);
         Ok(StepReport { energy, gradient: norm, rate })
     }
 
@@ -146,7 +146,8 @@ impl MapTrainer {
             let mut energy = 0.0;
             for row in 0..TILE_ROWS {
                 let rest = &rest[row * LANES..][..LANES];
-                energy += aims.row(&OfRow { drawn, rest, row, between: &[] }, &mut outputs);
+                let weights = &[1.0; LANES];
+                energy += aims.row(&OfRow { drawn, rest, row, weights, between: &[] }, &mut outputs);
             }
             let strands = rows.each_ref().map(|rows| {
                 let mut to = vec![0.0; DRAWN * OUTPUTS];
@@ -185,7 +186,9 @@ impl<'a> Batch<'a> {
     fn shared(&self) -> Vec<f32> {
         let frames = self.windows.iter().flat_map(|own| (0..MOMENTS).map(move |ago| (own, ago)));
         let mut inputs = Vec::with_capacity(FRAMES * SHARED);
-        frames.for_each(|(own, ago)| inputs.extend(shared(&self.set.clips[own.clip], own.frame - ago)));
+        frames.for_each(|(own, ago)| {
+            inputs.extend_from_slice(&shared(&self.set.clips[own.clip], own.frame - ago))
+        });
         inputs
     }
 }

@@ -47,16 +47,25 @@ pub(crate) fn by_strand(rows: &[Row<f32>], to: &mut [f32]) {
 
 /// `[rows, columns]` to `[columns, rows]`.
 pub(crate) fn transpose(from: &[f32], columns: usize, to: &mut [f32]) {
-    // So many rows at a time: their numbers fill whole cache lines of `to`.
-    const TOGETHER: usize = 16;
+    // Blocks of 4 × 4 are transposed in registers.
+    const BLOCK: usize = 4;
     let rows = from.len() / columns;
-    for first in (0..rows).step_by(TOGETHER) {
-        let last = rows.min(first + TOGETHER);
-        for (c, to) in to.chunks_exact_mut(rows).enumerate() {
-            for (r, to) in (first..last).zip(&mut to[first..last]) {
-                *to = from[r * columns + c];
+    let whole = [rows, columns].map(|count| count / BLOCK * BLOCK);
+    for r in (0..whole[0]).step_by(BLOCK) {
+        for c in (0..whole[1]).step_by(BLOCK) {
+            let mut block = [[0.0; BLOCK]; BLOCK];
+            for k in 0..BLOCK {
+                block[k].copy_from_slice(&from[(r + k) * columns + c..][..BLOCK]);
+            }
+            for k in 0..BLOCK {
+                let column = block.map(|row| row[k]);
+                to[(c + k) * rows + r..][..BLOCK].copy_from_slice(&column);
             }
         }
+    }
+    for r in 0..rows {
+        let first = if r < whole[0] { whole[1] } else { 0 };
+        (first..columns).for_each(|c| to[c * rows + r] = from[r * columns + c]);
     }
 }
 
@@ -199,6 +208,23 @@ fn tile<L: Lane<Scalar = f32>, const M: usize, const R: usize>(
         for r in 0..R {
             let lane = (column + r) * L::WIDTH;
             sums[m][r].max(floor).store(&mut c[(first + m) * TILE_ROWS + lane / LANES], lane % LANES);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_matrix_of_any_size_is_transposed() {
+        for [rows, columns] in [[1, 1], [3, 2], [4, 8], [5, 7], [64, 66], [9, 4]] {
+            let from: Vec<f32> = (0..rows * columns).map(|k| k as f32).collect();
+            let mut to = vec![f32::NAN; from.len()];
+            transpose(&from, columns, &mut to);
+            for (k, x) in to.iter().enumerate() {
+                assert_eq!(*x, from[k % rows * columns + k / rows], "{rows} {columns} {k}");
+            }
         }
     }
 }

@@ -11,7 +11,8 @@ use std::collections::HashMap;
 const NOTE: &str = "note";
 /// That of the number of steps done.
 const DONE: &str = "done";
-/// The tensors: the network, its average, the state of the descent and the best network.
+/// The tensors: the network, its average, the state of the descent (with pending steps in the last
+/// part) and the best network.
 const TENSORS: [&str; 6] = ["network", "average", "first", "second", "sides", "best"];
 
 /// Why bytes are no checkpoint of a training.
@@ -32,8 +33,20 @@ pub struct Resumed {
     pub trainer: Trainer,
     /// The best network so far, if there was one.
     pub best: Option<Network<f32>>,
-    /// The note that was kept with it.
-    pub note: String,
+}
+
+fn broken(error: safetensors::SafeTensorError) -> CheckpointError {
+    CheckpointError::Format(error.to_string())
+}
+
+fn missing() -> CheckpointError {
+    CheckpointError::Format("something is missing".to_owned())
+}
+
+/// The text under `key` of a checkpoint's metadata.
+fn text(bytes: &[u8], key: &str) -> Result<String, CheckpointError> {
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(broken)?;
+    metadata.metadata().as_ref().and_then(|texts| texts.get(key)).cloned().ok_or_else(missing)
 }
 
 impl Trainer {
@@ -48,7 +61,6 @@ impl Trainer {
         let lists = [self.network.parameters(), self.average.parameters(), &first, &second, &sides, best];
         let bytes: Vec<Vec<u8>> =
             lists.iter().map(|list| list.iter().flat_map(|x| x.to_le_bytes()).collect()).collect();
-        let broken = |error: safetensors::SafeTensorError| CheckpointError::Format(error.to_string());
         let mut views = Vec::new();
         for ((name, list), bytes) in TENSORS.iter().zip(lists).zip(&bytes) {
             views.push((*name, TensorView::new(Dtype::F32, vec![list.len()], bytes).map_err(broken)?));
@@ -56,6 +68,14 @@ impl Trainer {
         let texts = [(NOTE, note.to_owned()), (DONE, self.done.to_string())];
         let texts: HashMap<String, String> = texts.map(|(key, text)| (key.to_owned(), text)).into();
         safetensors::serialize(views, Some(texts)).map_err(broken)
+    }
+
+    /// The note that was kept with a [`checkpoint`](Self::checkpoint), also of another version.
+    ///
+    /// # Errors
+    /// [`CheckpointError`] if the bytes are no checkpoint.
+    pub fn note(bytes: &[u8]) -> Result<String, CheckpointError> {
+        text(bytes, NOTE)
     }
 
     /// Goes on from a [`checkpoint`](Self::checkpoint) of a training with the same `options`.
@@ -66,12 +86,7 @@ impl Trainer {
     /// # Panics
     /// If this processor does not support `options.simd`.
     pub fn resume(options: Options, bytes: &[u8]) -> Result<Resumed, CheckpointError> {
-        let broken = |error: safetensors::SafeTensorError| CheckpointError::Format(error.to_string());
-        let missing = || CheckpointError::Format("something is missing".to_owned());
-        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(broken)?;
-        let texts = metadata.metadata().clone().unwrap_or_default();
-        let done = texts.get(DONE).and_then(|text| text.parse().ok()).ok_or_else(missing)?;
-        let note = texts.get(NOTE).ok_or_else(missing)?.clone();
+        let done = text(bytes, DONE)?.parse().map_err(|_| missing())?;
         let tensors = SafeTensors::deserialize(bytes).map_err(broken)?;
         let list = |name: &str| -> Result<Vec<f32>, CheckpointError> {
             let tensor = tensors.tensor(name).map_err(broken)?;
@@ -92,6 +107,6 @@ impl Trainer {
         trainer.done = done;
         let best = list("best")?;
         let best = if best.is_empty() { None } else { Some(Network::new(shape, best)?) };
-        Ok(Resumed { trainer, best, note })
+        Ok(Resumed { trainer, best })
     }
 }

@@ -10,12 +10,15 @@
 //! layer's mean; the publication looks at activations. Late in a training, at a low rate, units are
 //! left as they are.
 
+use super::axes::CHANGE_EVERY;
 use crate::network::Shape;
 use crate::random::Random;
 use std::ops::Range;
 
 /// Steps between two searches for dormant units.
 const EVERY: u32 = 500;
+// No step of the weights is pending then.
+const _: () = assert!(EVERY.is_multiple_of(CHANGE_EVERY));
 /// The share of its layer's mean square below which a unit is dormant.
 const SHARE: f32 = 1e-3;
 /// The share of a training after which units are left as they are.

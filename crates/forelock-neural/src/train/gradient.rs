@@ -23,11 +23,16 @@ use crate::network::head::Head;
 use crate::network::product::{
     Factors, PACKET, Rows, Start, TILE_ROWS, by_strand, product, to_rows, transpose, zero_rows,
 };
-use crate::network::rotation::Basis;
+use crate::network::rotation::{Basis, fold};
 use crate::network::{Network, OUTPUTS, STATICS, Shape};
 use crate::{EDGES, PARTICLES};
 use forelock_core::lane::{BASELINE_FMA, LANES, Lane, Mat3, Pack, Row, Simd, V3, on};
 use rayon::prelude::*;
+
+/// Numbers of the gradient that a task sums up.
+const PART: usize = 1 << 14;
+/// Minimum number of rows of the last layer that a task folds.
+const FOLDED: usize = 32;
 
 /// Strands of a step.
 const BATCH: usize = FRAMES * STRANDS;
@@ -36,11 +41,21 @@ const PACKETS: usize = BATCH / PACKET;
 /// Frames of a packet.
 const FRAMES_OF_PACKET: usize = PACKET / STRANDS;
 
+/// What a step finds.
+#[derive(Clone, Copy)]
+pub(super) struct Found<'a> {
+    /// The gradient, in the order of the parameters.
+    pub gradient: &'a [f32],
+    /// The gradient of the first layer's sums of all frames, `[frames, width]`.
+    pub by_frame_sums: &'a [f32],
+}
+
 /// Buffers of a step.
 #[derive(Debug)]
 pub(super) struct Workspace {
     /// The gradient, in the order of the parameters.
     found: Vec<f32>,
+    by_frame_sums: Vec<f32>,
     packets: Vec<PacketBuffers>,
     /// The weights that a step multiplies with.
     weights: Folded,
@@ -116,6 +131,9 @@ impl PacketBuffers {
 pub(super) struct Batch<'a> {
     pub set: &'a TrainingSet,
     pub drawn: &'a [Drawn; FRAMES],
+    /// The inputs of all frames ([`frame_inputs`]), and the first layer's sums of them, `[frames,
+    /// width]`.
+    pub frames: [&'a [f32]; 2],
 }
 
 /// What the packets of a step have in common.
@@ -126,8 +144,8 @@ struct Step<'a> {
     goal: &'a Goal,
     set: &'a TrainingSet,
     drawn: &'a [Drawn; FRAMES],
-    /// Fᵀ shared of each moment of each frame, `[width]` each.
-    frames: &'a [Vec<f32>],
+    /// The first layer's sums of all frames, `[frames, width]`.
+    frames: &'a [f32],
 }
 
 impl Workspace {
@@ -135,6 +153,7 @@ impl Workspace {
         let matrix = |rows: usize, columns: usize| vec![0.0; rows * columns];
         Self {
             found: vec![0.0; shape.parameters()],
+            by_frame_sums: Vec::new(),
             packets: (0..PACKETS).map(|_| PacketBuffers::new(shape)).collect(),
             weights: Folded {
                 output: matrix(shape.width, shape.outputs),
@@ -145,14 +164,16 @@ impl Workspace {
         }
     }
 
-    /// The gradient found by the last step.
-    pub(super) fn found(&self) -> &[f32] {
-        &self.found
+    /// What the last step found.
+    pub(super) fn found(&self) -> Found<'_> {
+        Found { gradient: &self.found, by_frame_sums: &self.by_frame_sums }
     }
 
-    /// Its norm.
+    /// The norm of its gradient.
     pub(super) fn norm(&self) -> f64 {
-        self.found.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt()
+        let square = |part: &[f32]| part.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>();
+        let squares: Vec<f64> = self.found.par_chunks(PART).map(square).collect();
+        squares.iter().sum::<f64>().sqrt()
     }
 
     /// The mean energy of the strands `drawn`; its gradient is in [`Self::found`].
@@ -164,19 +185,17 @@ impl Workspace {
         goal: &Goal,
         batch: &Batch<'_>,
     ) -> f64 {
-        let Batch { set, drawn } = *batch;
+        let Batch { set, drawn, frames: [_, frames] } = *batch;
         self.weights.fold(network, goal.basis(basis));
-        let frames = frame_sums(simd, network, set, drawn);
         let weights = &self.weights;
-        let step = Step { simd, network, weights, goal, set, drawn, frames: &frames };
+        let step = Step { simd, network, weights, goal, set, drawn, frames };
         self.packets.par_iter_mut().enumerate().for_each(|(number, packet)| step.packet(number, packet));
-        self.weight_gradients(simd, network.shape(), goal.basis(basis), batch);
+        self.weight_gradients(simd, network.shape(), goal.basis(basis), batch.frames[0]);
         self.packets.iter().map(|packet| packet.energy).sum::<f64>()
     }
 
     /// The gradients of all weights from those of the layers' sums.
-    fn weight_gradients(&mut self, simd: Simd, shape: &Shape, basis: Option<&Basis>, batch: &Batch<'_>) {
-        let Batch { set, drawn } = *batch;
+    fn weight_gradients(&mut self, simd: Simd, shape: &Shape, basis: Option<&Basis>, inputs: &[f32]) {
         let packets = &self.packets;
         let all = |index: usize| {
             let moments = packets.iter().flat_map(|packet| &packet.moments);
@@ -188,10 +207,8 @@ impl Workspace {
         let by_statics: Vec<&[f32]> = packets.iter().map(|packet| packet.by_statics.as_slice()).collect();
         let [first, second, by_output, by_second, by_first] =
             [FIRST, SECOND, BY_OUTPUT, BY_SECOND, BY_FIRST].map(all);
-        let moments = drawn
-            .chunks_exact(FRAMES_OF_PACKET)
-            .flat_map(|frames| (0..MOMENTS).flat_map(move |ago| frames.iter().map(move |d| (d, ago))));
         let folded = output.start..third_bias.end;
+        let by_frame_sums = &mut self.by_frame_sums;
         let ranges = [statics, shared, first_bias, hidden, second_bias, output, third_bias];
         let [statics, shared, first_bias, hidden, second_bias, output, third_bias] =
             parts(&mut self.found, ranges);
@@ -201,12 +218,8 @@ impl Workspace {
         };
         let of_frames = || {
             // Two frames a packet and moment.
-            let by_frame: Vec<f32> =
-                by_first.iter().flat_map(|strands| frame_gradients(strands, width)).collect();
-            let inputs: Vec<f32> = moments
-                .flat_map(|(d, ago)| shared_inputs(&set.clips[d.clip], d.frame - ago).take(shape.shared))
-                .collect();
-            weight_gradient(simd, [&[&inputs], &[&by_frame]], [shape.shared, width], shared);
+            *by_frame_sums = by_first.iter().flat_map(|strands| frame_gradients(strands, width)).collect();
+            weight_gradient(simd, [&[inputs], &[by_frame_sums]], [shape.shared, width], shared);
         };
         let of_hidden = || {
             weight_gradient(simd, [&first, &by_second], [width, width], hidden);
@@ -218,9 +231,8 @@ impl Workspace {
         };
         rayon::join(|| rayon::join(of_hidden, of_strands), || rayon::join(of_output, of_frames));
         if let Some(basis) = basis {
-            for row in self.found[folded].chunks_exact_mut(OUTPUTS) {
-                unfold(row, basis);
-            }
+            let rows = self.found[folded].par_chunks_exact_mut(OUTPUTS).with_min_len(FOLDED);
+            rows.for_each(|row| unfold(row, basis));
         }
     }
 }
@@ -231,8 +243,9 @@ impl Folded {
         self.output.copy_from_slice(output);
         self.bias.copy_from_slice(bias);
         if let Some(basis) = basis {
-            let rows = self.output.chunks_exact_mut(OUTPUTS).chain(std::iter::once(self.bias.as_mut_slice()));
-            rows.for_each(|row| crate::network::rotation::fold(row, basis));
+            let rows = self.output.par_chunks_exact_mut(OUTPUTS).with_min_len(FOLDED);
+            rows.for_each(|row| fold(row, basis));
+            fold(&mut self.bias, basis);
         }
         transpose(&self.output, OUTPUTS, &mut self.output_transposed);
         let width = network.shape().width;
@@ -255,26 +268,18 @@ pub(crate) fn unfold(by: &mut [f32], basis: &Basis) {
     }
 }
 
-/// Fᵀ shared of each moment of each drawn frame: `[width]` each, frame by frame.
-fn frame_sums(
-    simd: Simd,
-    network: &Network<f32>,
-    set: &TrainingSet,
-    drawn: &[Drawn; FRAMES],
-) -> Vec<Vec<f32>> {
-    const { assert!(FRAMES * MOMENTS <= PACKET) };
-    let count = network.shape().shared;
-    let mut inputs = zero_rows(count);
-    for (column, (d, ago)) in drawn.iter().flat_map(|d| (0..MOMENTS).map(move |ago| (d, ago))).enumerate() {
-        for (k, x) in shared_inputs(&set.clips[d.clip], d.frame - ago).take(count).enumerate() {
-            inputs[k * TILE_ROWS + column / LANES].0[column % LANES] = x;
+/// The first `count` inputs of all frames of a step, packet by packet and moment by moment:
+/// `[frames, count]`.
+pub(super) fn frame_inputs(set: &TrainingSet, drawn: &[Drawn; FRAMES], count: usize) -> Vec<f32> {
+    let mut inputs = Vec::with_capacity(FRAMES * MOMENTS * count);
+    for drawn in drawn.chunks_exact(FRAMES_OF_PACKET) {
+        for ago in 0..MOMENTS {
+            for d in drawn {
+                inputs.extend_from_slice(&shared_inputs(&set.clips[d.clip], d.frame - ago)[..count]);
+            }
         }
     }
-    let width = network.shape().width;
-    let mut sums = zero_rows(width);
-    product(simd, Factors { a: network.parts()[1], columns: width, b: &inputs }, Start::Zero, &mut sums);
-    let column = |c: usize| (0..width).map(|m| sums[m * TILE_ROWS + c / LANES].0[c % LANES]).collect();
-    (0..FRAMES * MOMENTS).map(column).collect()
+    inputs
 }
 
 /// Sums over the strands of each frame of a packet: `[frames, width]`.
@@ -303,7 +308,8 @@ impl Step<'_> {
         let mut outputs = buffers.moments.each_mut().map(|moment| moment.outputs.as_mut_slice());
         for (row, rest) in rest.chunks_exact(LANES).enumerate() {
             let frame = row * LANES / STRANDS;
-            let of_row = OfRow { drawn: &drawn[frame], rest, row, between: &between[frame] };
+            let weights = &drawn[frame].weights[row * LANES % STRANDS..][..LANES];
+            let of_row = OfRow { drawn: &drawn[frame], rest, row, weights, between: &between[frame] };
             let energy = aims.row(&of_row, &mut outputs);
             buffers.energy += energy;
         }
@@ -363,8 +369,8 @@ impl Step<'_> {
         let moment = &mut buffers.moments[ago];
         for unit in 0..width {
             for row in 0..TILE_ROWS {
-                let frame = number * FRAMES_OF_PACKET + row / ROWS_OF_FRAME;
-                let shared = self.frames[frame * MOMENTS + ago][unit];
+                let frame = (number * MOMENTS + ago) * FRAMES_OF_PACKET + row / ROWS_OF_FRAME;
+                let shared = self.frames[frame * width + unit];
                 let sums = &buffers.sums[unit * TILE_ROWS + row];
                 moment.first[unit * TILE_ROWS + row].0 = sums.0.map(|sum| (sum + shared).max(0.0));
             }
@@ -415,6 +421,8 @@ pub(crate) struct OfRow<'a> {
     pub rest: &'a [&'a [[f32; 3]; PARTICLES]],
     /// The row in a packet.
     pub row: usize,
+    /// What each counts for.
+    pub weights: &'a [f32],
     /// What the strands of the frame do to each other, at each moment; may be empty.
     pub between: &'a [Between],
 }
@@ -456,7 +464,7 @@ fn energies<L: Lane<Scalar = f32>>(
     of_row: &OfRow<'_>,
     outputs: &mut [&mut [Row<f32>]; MOMENTS],
 ) -> f64 {
-    let OfRow { drawn, rest, row, between } = of_row;
+    let OfRow { drawn, rest, row, weights, between } = of_row;
     let clip = &aims.set.clips[drawn.clip];
     let newest = &clip[drawn.frame];
     let mut places = [Place { rotation: Mat3::splat(newest.rotation), origin: V3::<L>::zero() }; MOMENTS];
@@ -497,13 +505,15 @@ fn energies<L: Lane<Scalar = f32>>(
         let drapes = drapes.as_ref();
         let window = Window { goal, at_rest, shape, places: &places, bodies: &bodies, neighbours, drapes };
         let energy = window.energy(&x, &mut by_x);
+        let mut share = L::zero();
         for lane in 0..L::WIDTH {
-            sum += f64::from(energy.get(lane)) * mean;
+            share.set(lane, weights[first + lane] * mean as f32);
+            sum += f64::from(energy.get(lane)) * f64::from(share.get(lane));
         }
         for ago in 0..MOMENTS {
             let by_u = head.gradient(&u[ago], &by_x[ago]);
             for k in 0..OUTPUTS {
-                let by = by_u[k / 3].0[k % 3] * L::from_f64(mean);
+                let by = by_u[k / 3].0[k % 3] * share;
                 by.store(&mut outputs[ago][k * TILE_ROWS + row], first);
             }
         }

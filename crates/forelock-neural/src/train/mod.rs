@@ -9,8 +9,10 @@
 //! With repulsion or adhesion the strands of a window are neighbours on the head, and act on each
 //! other in each frame.
 //!
-//! The result is a running average of the network over some hundred steps. Units that no longer
-//! react to any input get new weights now and then (`train/dormant.rs`).
+//! Where strands do not act on each other, long ones are drawn more often than short ones, and
+//! count for less (`train/chances.rs`). The result is a running average of the network over some
+//! hundred steps. Units that no longer react to any input get new weights now and then
+//! (`train/dormant.rs`).
 //!
 //! # Practice
 //! Everything is ours, so that the energies run in lanes as text that the reference results check.
@@ -24,7 +26,9 @@
 //! [reference](crate::reference) do.
 
 pub(crate) mod adam;
+mod axes;
 mod between;
+mod chances;
 mod checkpoint;
 mod compliance;
 mod dormant;
@@ -53,8 +57,9 @@ use crate::network::rotation::{Basis, basis};
 use crate::network::{LOCK_INPUTS, Network, Shape};
 use crate::random::Random;
 use crate::reference::Terms;
+use axes::CHANGE_EVERY;
 use forelock_core::lane::Simd;
-use gradient::{Batch, Workspace};
+use gradient::{Batch, Workspace, frame_inputs};
 use soap::Soap;
 use window::Goal;
 
@@ -64,6 +69,11 @@ pub const FRAMES: usize = 16;
 pub const MOMENTS: usize = 4;
 /// Strands of a window.
 pub const STRANDS: usize = 32;
+/// Steps over which the learning rate rises from 0, at most a tenth of all. The descent does not
+/// know its axes and mean squares then; large steps leave many units that react to no input.
+const RISE: u32 = 300;
+/// A norm of the gradient whose square could exceed the range of float32.
+const OVERFLOW: f64 = 1e15;
 /// What the running average keeps of itself in a step.
 const AVERAGE: f64 = 0.998;
 
@@ -108,7 +118,7 @@ pub struct Options {
     pub seed: u64,
     /// Steps.
     pub steps: u32,
-    /// Learning rate at the start.
+    /// Learning rate at the start. [`Trainer`] rises to it from 0 over at most 300 steps.
     pub rate: f64,
     /// The learning rate in the end, over that at the start.
     pub last_rate: f64,
@@ -133,11 +143,11 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             seed: 1,
-            steps: 18_000,
+            steps: 19_000,
             rate: 3e-3,
             last_rate: 0.02,
             largest_gradient: 1.0,
-            warm_start: 0.1,
+            warm_start: 0.03,
             energies: Energies::default(),
             objective: Objective::default(),
             head: OutputHead::default(),
@@ -170,17 +180,23 @@ impl Options {
         energies
     }
 
-    /// The learning rate of the step after `done`.
+    /// The part of the learning rate that the step after `done` uses, while it rises.
+    fn rise_at(&self, done: u32) -> f64 {
+        (f64::from(done + 1) / f64::from(RISE.min(self.steps / 10).max(1))).min(1.0)
+    }
+
+    /// The learning rate of the step after `done`, once it has risen.
     pub(crate) fn rate_at(&self, done: u32) -> f64 {
         let cosine = 0.5 + 0.5 * (std::f64::consts::PI * self.share(done).min(1.0)).cos();
         self.rate * (self.last_rate + (1.0 - self.last_rate) * cosine)
     }
 }
 
-/// Moves the running `average` towards `parameters`, after `done` steps.
-pub(crate) fn average(average: &mut [f32], parameters: &[f32], done: u32) {
+/// Moves the running `average` towards `parameters`, after `done` steps, once every `every` steps.
+pub(crate) fn average(average: &mut [f32], parameters: &[f32], done: u32, every: u32) {
     // Short at first, so that the random start is forgotten.
-    let keep = AVERAGE.min(f64::from(done) / (f64::from(done) + 10.0)) as f32;
+    let start = f64::from(done) / f64::from(done + 10 * every);
+    let keep = AVERAGE.powi(every as i32).min(start) as f32;
     for (mean, now) in average.iter_mut().zip(parameters) {
         *mean = keep * *mean + (1.0 - keep) * now;
     }
@@ -256,7 +272,7 @@ impl Trainer {
         &self.options
     }
 
-    /// The result: the running average of the network.
+    /// The result: the running average of the network, which follows it every ten steps.
     pub fn average(&self) -> &Network<f32> {
         &self.average
     }
@@ -293,22 +309,31 @@ impl Trainer {
         let energies = options.energies_at(self.done);
         let mut random = Random::stream(options.seed, 1 + u64::from(self.done));
         let drawn = set.draw(&mut random, energies.have_neighbours());
-        let batch = Batch { set, drawn: &drawn };
         let simd = options.simd;
+        let shape = *self.network.shape();
+        let inputs = frame_inputs(set, &drawn, shape.shared);
+        let frames = self.descent.frames(simd, self.network.parameters(), inputs);
+        let batch = Batch { set, drawn: &drawn, frames: [&frames.inputs, &frames.sums] };
         let goal = Goal { energies, objective: options.objective, head: options.head };
         let energy = self.workspace.gradient(simd, &self.network, &self.basis, &goal, &batch);
         let norm = self.workspace.norm();
-        if !(energy.is_finite() && norm.is_finite()) {
+        if !(energy.is_finite() && norm < OVERFLOW) {
             return Err(NotFinite { step: self.done });
         }
-        let rate = options.rate_at(self.done);
+        let rate = options.rate_at(self.done) * options.rise_at(self.done);
         let scale = (options.largest_gradient / norm.max(1e-30)).min(1.0);
-        self.descent.step(simd, self.network.parameters_mut(), self.workspace.found(), [rate, scale]);
+        let parameters = self.network.parameters_mut();
+        self.descent.step(simd, parameters, self.workspace.found(), &frames, [rate, scale]);
         self.done += 1;
-        average(self.average.parameters_mut(), self.network.parameters(), self.done);
+        let is_last = self.done == options.steps;
+        if is_last {
+            self.descent.settle(simd, parameters);
+        }
+        if is_last || self.descent.is_settled() {
+            average(self.average.parameters_mut(), parameters, self.done, CHANGE_EVERY);
+        }
         if dormant::is_due(self.done, options.share(self.done)) {
-            let shape = *self.network.shape();
-            let networks = [self.network.parameters_mut(), self.average.parameters_mut()];
+            let networks = [parameters, self.average.parameters_mut()];
             let mut random = Random::stream(options.seed, u64::MAX - u64::from(self.done));
             dormant::reuse(&shape, networks, self.descent.second_mut(), &mut random);
         }

@@ -1,5 +1,6 @@
 //! What a training draws from: strands, and frames of motions.
 
+use super::chances::Chances;
 use super::drapes::Drapes;
 use super::{Energies, FRAMES, MOMENTS, STRANDS};
 use crate::PARTICLES;
@@ -82,9 +83,11 @@ pub fn clip(features: &Features, poses: &[BodyPose]) -> Result<Clip, FeatureErro
 }
 
 /// The inputs of frame `number` of a motion. Frames before the first repeat it.
-pub fn shared(clip: &Clip, number: usize) -> impl Iterator<Item = f32> {
-    let history = (0..HISTORY).flat_map(move |ago| clip[number.saturating_sub(ago)].velocity);
-    clip[number].pose.into_iter().chain(history)
+pub fn shared(clip: &Clip, number: usize) -> Vec<f32> {
+    let mut inputs = clip[number].pose.to_vec();
+    inputs.reserve(HISTORY * VELOCITY_NUMBERS);
+    (0..HISTORY).for_each(|ago| inputs.extend_from_slice(&clip[number.saturating_sub(ago)].velocity));
+    inputs
 }
 
 /// Strands and motions that cannot be trained with.
@@ -142,6 +145,7 @@ pub struct TrainingSet {
     pub(crate) strands: Vec<TrainingStrand>,
     pub(crate) clips: Vec<Clip>,
     pub(super) field: SmoothField,
+    pub(super) chances: Chances,
     /// The first strand of each kind of hair, and the number of all.
     kinds: Vec<usize>,
     /// Bonds of each kind; none without adhesion.
@@ -159,6 +163,8 @@ pub(crate) struct Drawn {
     pub clip: usize,
     pub frame: usize,
     pub strands: [usize; STRANDS],
+    /// What each counts for in the mean energy.
+    pub weights: [f32; STRANDS],
     /// The number of its drapes, if it has some.
     pub drape: Option<usize>,
 }
@@ -216,7 +222,18 @@ impl TrainingSet {
         if clips.is_empty() {
             return Err(SetError::NoMotions);
         }
-        Ok(Self { strands, clips, field, kinds, adhesion: Vec::new(), drapes: None, before, windows })
+        let chances = Chances::new(strands.iter().map(|strand| &strand.rest));
+        Ok(Self {
+            strands,
+            clips,
+            field,
+            chances,
+            kinds,
+            adhesion: Vec::new(),
+            drapes: None,
+            before,
+            windows,
+        })
     }
 
     /// Sets the codes of locks to 0.
@@ -260,9 +277,13 @@ impl TrainingSet {
                 let first = strand.min(self.kinds[kind + 1] - STRANDS);
                 std::array::from_fn(|k| first + k)
             } else {
-                std::array::from_fn(|_| random.below(self.strands.len()))
+                std::array::from_fn(|_| self.chances.draw(random))
             };
-            Drawn { clip, frame: at - self.before[clip] + (MOMENTS - 1), strands, drape: None }
+            let weights = match are_neighbours {
+                true => [1.0; STRANDS],
+                false => strands.map(|strand| self.chances.weight(strand)),
+            };
+            Drawn { clip, frame: at - self.before[clip] + (MOMENTS - 1), strands, weights, drape: None }
         })
     }
 

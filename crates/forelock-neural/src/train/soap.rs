@@ -10,43 +10,26 @@
 //! A step of power iteration now and then keeps the axes up to date. Adam's moments are rotated
 //! with them: left along the old axes, the mean square made frequent changes worse than rare ones.
 //! Biases have no axes of their own.
+//!
+//! The weights of the shared inputs are the largest matrix, 682 × 256, but its gradient is the
+//! product of two small factors: the inputs of the 64 frames of a step and the gradients of their
+//! sums. The descent rotates the factors, which is less work than to rotate the matrix. The steps
+//! of these weights are collected along the axes and rotated back once for all, before axes change;
+//! until then [`Soap::frames`] adds what they contribute to the first layer's sums.
 
 use super::adam::Adam;
-use super::layers::{parts, weight_gradient};
+use super::axes::{CHANGE_EVERY, Side, is_change, product, transposed, without_tiny};
+use super::gradient::Found;
+use super::layers::parts;
 use crate::network::Shape;
-use crate::network::product::transpose;
 use forelock_core::lane::Simd;
 use rayon::prelude::*;
 use std::ops::Range;
 
 /// Decay of Adam's mean and mean square of the gradient, in a step.
 const DECAY: [f64; 2] = [0.95, 0.99];
-/// Decay of the means of GGᵀ and GᵀG, in a step.
-const KEPT: f32 = 0.99;
-/// Steps between two changes of the axes.
-const CHANGE_EVERY: u32 = 10;
-/// A matrix with more rows (or columns) than this has its left (or right) axes updated less often.
-const LONG: usize = 300;
-/// How many times less often.
-const LESS_OFTEN: u32 = 4;
-/// The share of the mean eigenvalue that an axis has at least: the next one where rounding would
-/// lose axes.
-const LEAST: [f32; 3] = [1e-6, 0.1, 1e3];
-/// Numbers of a smaller size are taken for 0.
-const TINY: f32 = 1e-18;
-/// Axes that are made orthonormal together.
-const BLOCK: usize = 32;
-
-/// The axes of the rows of a matrix (its left side) or of its columns (its right side).
-#[derive(Clone, Debug)]
-struct Side {
-    size: usize,
-    /// The running mean of GGᵀ or GᵀG.
-    covariance: Vec<f32>,
-    /// The axes as columns, and as rows.
-    columns: Vec<f32>,
-    rows: Vec<f32>,
-}
+/// The number of the matrix of the shared inputs.
+const SHARED: usize = 1;
 
 /// A matrix of weights, `[rows, columns]`, and its axes.
 #[derive(Clone, Debug)]
@@ -61,144 +44,90 @@ pub(super) struct Soap {
     matrices: [Matrix; 4],
     /// Along the axes.
     adam: Adam<f32>,
+    /// Steps of the shared inputs' weights along their axes, which are not yet in the parameters.
+    pending: Vec<f32>,
+    /// Buffers of a step: the gradient along the axes, and what the parameters move by.
+    turned: Vec<f32>,
+    moved: Vec<f32>,
 }
 
-/// What [`Soap::resume`] takes: Adam's moments, then covariance and axes of all sides.
+/// The gradient of a matrix of weights, as the matrix or as the product of two factors.
+#[derive(Clone, Copy)]
+enum Gradient<'a> {
+    /// `[rows, columns]`.
+    Whole(&'a [f32]),
+    /// The inputs of the layer and the gradients of its sums, `[frames, width]`.
+    Factors(&'a Frames, &'a [f32]),
+}
+
+/// What the axes of a matrix follow.
+struct Step<'a> {
+    /// Steps done, with this one.
+    done: u32,
+    gradient: Gradient<'a>,
+    /// The square of what the gradient is scaled with.
+    square: f32,
+}
+
+/// The frames of a step, as the weights of the shared inputs see them.
+#[derive(Debug)]
+pub(super) struct Frames {
+    /// Their inputs, `[frames, shared]`.
+    pub inputs: Vec<f32>,
+    /// The same along the axes.
+    along: Vec<f32>,
+    /// The first layer's sums of the inputs, `[frames, width]`.
+    pub sums: Vec<f32>,
+}
+
+/// What [`Soap::resume`] takes: Adam's moments, then covariance and axes of all sides and the
+/// pending steps.
 pub(super) type State = [Vec<f32>; 3];
 
-/// `x`, or 0 if it is [`TINY`], so that products of two such numbers are never subnormal. Means of
-/// what has become 0 decay to subnormal numbers within some thousand steps, with which arithmetic
-/// is a hundred times slower.
-fn without_tiny(x: f32) -> f32 {
-    if x.abs() < TINY { 0.0 } else { x }
-}
-
-/// AᵀB of A `[k, m]` and B `[k, n]`: `[m, n]`.
-fn product(simd: Simd, a: &[f32], b: &[f32], k: usize) -> Vec<f32> {
-    let sizes = [a.len() / k, b.len() / k];
-    let mut c = vec![0.0; sizes[0] * sizes[1]];
-    weight_gradient(simd, [&[a], &[b]], sizes, &mut c);
-    c
-}
-
-/// `[rows, columns]` to `[columns, rows]`.
-fn transposed(from: &[f32], columns: usize) -> Vec<f32> {
-    let mut to = vec![0.0; from.len()];
-    transpose(from, columns, &mut to);
-    to
-}
-
-impl Side {
-    fn new(size: usize) -> Self {
-        let mut identity = vec![0.0; size * size];
-        identity.iter_mut().step_by(size + 1).for_each(|x| *x = 1.0);
-        Self { size, covariance: vec![0.0; size * size], rows: identity.clone(), columns: identity }
-    }
-
-    /// Steps between two updates of the covariance.
-    fn interval(&self) -> u32 {
-        if self.size > LONG { LESS_OFTEN } else { 1 }
-    }
-
-    /// Whether the gradient of `step` counts in the covariance.
-    fn is_due(&self, step: u32) -> bool {
-        step.is_multiple_of(self.interval())
-    }
-
-    /// Updates the covariance with the gradient of `step`, `[k, size]`, and every so many steps the
-    /// axes. Returns the new axes in coordinates of the old ones, as columns, if they have changed.
-    fn follow(&mut self, simd: Simd, step: u32, gradient: &[f32]) -> Option<Vec<f32>> {
-        let interval = self.interval();
-        let kept = (0..interval).fold(1.0, |product, _| product * KEPT);
-        let new = product(simd, gradient, gradient, gradient.len() / self.size);
-        for (mean, x) in self.covariance.iter_mut().zip(&new) {
-            *mean = without_tiny(kept * *mean + (1.0 - kept) * x);
+impl Gradient<'_> {
+    /// GGᵀ of a matrix with so many columns.
+    fn left_covariance(&self, simd: Simd, columns: usize) -> Vec<f32> {
+        match self {
+            Self::Whole(whole) => {
+                let transposed = transposed(whole, columns);
+                product(simd, &transposed, &transposed, columns)
+            }
+            Self::Factors(frames, by_sums) => covariance(simd, &frames.inputs, by_sums, columns),
         }
-        if !step.is_multiple_of(interval * CHANGE_EVERY) {
-            return None;
-        }
-        let before = self.iterate(simd)?;
-        Some(product(simd, &before, &self.columns, self.size))
     }
 
-    /// A power iteration. Returns the axes before, as columns.
-    fn iterate(&mut self, simd: Simd) -> Option<Vec<f32>> {
-        let trace: f32 = self.covariance.iter().step_by(self.size + 1).sum();
-        if trace <= 0.0 {
-            return None;
+    /// GᵀG of a matrix with so many rows.
+    fn right_covariance(&self, simd: Simd, rows: usize) -> Vec<f32> {
+        match self {
+            Self::Whole(whole) => product(simd, whole, whole, rows),
+            Self::Factors(frames, by_sums) => covariance(simd, by_sums, &frames.inputs, rows),
         }
-        let moved = product(simd, &self.columns, &self.covariance, self.size);
-        for share in LEAST {
-            let least = share * trace / self.size as f32;
-            let along = |(moved, axis): (&f32, &f32)| (moved + least * axis) / trace;
-            let mut rows: Vec<f32> = moved.iter().zip(&self.rows).map(along).collect();
-            // Twice is enough.
-            (0..2).for_each(|_| orthonormalize(simd, &mut rows, self.size));
-            rows.iter_mut().for_each(|x| *x = without_tiny(*x));
-            let columns = transposed(&rows, self.size);
-            if off_identity(&product(simd, &columns, &columns, self.size), self.size) < 1e-3 {
-                self.rows = rows;
-                return Some(std::mem::replace(&mut self.columns, columns));
+    }
+
+    /// UᵀGV: along the axes.
+    fn along_axes(&self, simd: Simd, [left, right]: &[Side; 2]) -> Vec<f32> {
+        match self {
+            Self::Whole(whole) => {
+                let half = product(simd, whole, &left.columns, left.size);
+                product(simd, &half, &right.columns, right.size)
+            }
+            Self::Factors(frames, by_sums) => {
+                let by_sums = product(simd, &transposed(by_sums, right.size), &right.columns, right.size);
+                product(simd, &frames.along, &by_sums, by_sums.len() / right.size)
             }
         }
-        None
     }
 }
 
-/// The largest difference of a matrix from the identity.
-fn off_identity(matrix: &[f32], size: usize) -> f32 {
-    let off = |(k, x): (usize, &f32)| (x - f32::from(u8::from(k % (size + 1) == 0))).abs();
-    matrix.iter().enumerate().map(off).fold(0.0, f32::max)
-}
-
-/// Makes rows of `size` numbers orthonormal, each with respect to those before it.
-fn orthonormalize(simd: Simd, mut rows: &mut [f32], size: usize) {
-    while !rows.is_empty() {
-        let (block, rest) = rows.split_at_mut(rows.len().min(BLOCK * size));
-        (0..2).for_each(|_| orthonormalize_block(block, size));
-        if !rest.is_empty() {
-            let [columns, of_rest] = [&*block, &*rest].map(|rows| transposed(rows, size));
-            let along = product(simd, &columns, &of_rest, size);
-            let taken = product(simd, &along, block, block.len() / size);
-            rest.iter_mut().zip(&taken).for_each(|(x, taken)| *x -= taken);
-        }
-        rows = rest;
-    }
-}
-
-/// The same for few rows.
-fn orthonormalize_block(rows: &mut [f32], size: usize) {
-    for i in 0..rows.len() / size {
-        let (row, later) = rows[i * size..].split_at_mut(size);
-        let over_norm = 1.0 / dot(row, row).sqrt().max(f32::MIN_POSITIVE);
-        row.iter_mut().for_each(|x| *x *= over_norm);
-        for other in later.chunks_exact_mut(size) {
-            let along = dot(row, other);
-            other.iter_mut().zip(&*row).for_each(|(x, axis)| *x -= along * axis);
-        }
-    }
-}
-
-/// The sum of products, in sixteen parts.
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    const PARTS: usize = 16;
-    let mut sums = [0.0; PARTS];
-    let ((a, a_last), (b, b_last)) = (a.as_chunks::<PARTS>(), b.as_chunks::<PARTS>());
-    for (a, b) in a.iter().zip(b) {
-        sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
-    }
-    let last: f32 = a_last.iter().zip(b_last).map(|(a, b)| a * b).sum();
-    sums.iter().sum::<f32>() + last
+/// AᵀBBᵀA of A `[count, _]` and B `[count, units]`.
+fn covariance(simd: Simd, a: &[f32], b: &[f32], units: usize) -> Vec<f32> {
+    let columns = transposed(b, units);
+    let of_rows = product(simd, &columns, &columns, units);
+    let count = b.len() / units;
+    product(simd, a, &product(simd, &of_rows, a, count), count)
 }
 
 impl Matrix {
-    /// UᵀXV: along the axes.
-    fn along_axes(&self, simd: Simd, x: &[f32]) -> Vec<f32> {
-        let [left, right] = &self.sides;
-        let half = product(simd, x, &left.columns, left.size);
-        product(simd, &half, &right.columns, right.size)
-    }
-
     /// UXVᵀ: back.
     fn back(&self, simd: Simd, x: &[f32]) -> Vec<f32> {
         let [left, right] = &self.sides;
@@ -206,18 +135,25 @@ impl Matrix {
         product(simd, &half, &right.rows, right.size)
     }
 
-    /// Updates both sides with the gradient of `step`. Where the axes change, rotates Adam's
+    /// Updates both sides with the gradient of a step. Where the axes change, rotates Adam's
     /// moments to the new ones; the mean square as if its components were uncorrelated.
-    fn follow(&mut self, simd: Simd, step: u32, gradient: &[f32], [first, second]: [&mut [f32]; 2]) {
+    fn follow(&mut self, simd: Simd, step: &Step<'_>, [first, second]: [&mut [f32]; 2]) {
+        let Step { done, gradient, square } = *step;
         let [left, right] = &mut self.sides;
-        let columns = right.size;
+        let sizes @ [rows, columns] = [left.size, right.size];
         let (of_left, of_right) = rayon::join(
-            || left.is_due(step).then(|| left.follow(simd, step, &transposed(gradient, columns))),
-            || right.is_due(step).then(|| right.follow(simd, step, gradient)),
+            || {
+                left.is_due(done)
+                    .then(|| left.follow(simd, done, &gradient.left_covariance(simd, columns), square))
+            },
+            || {
+                right
+                    .is_due(done)
+                    .then(|| right.follow(simd, done, &gradient.right_covariance(simd, rows), square))
+            },
         );
         let mut changes = [of_left.flatten(), of_right.flatten()];
         if changes.iter().any(Option::is_some) {
-            let sizes = [left.size, right.size];
             turn(simd, first, sizes, &changes);
             changes.iter_mut().flatten().flatten().for_each(|x| *x = without_tiny(*x * *x));
             turn(simd, second, sizes, &changes);
@@ -246,38 +182,84 @@ impl Soap {
         let sizes = [[shape.statics, width], [shape.shared, width], [width, width], [width, shape.outputs]];
         let ranges = [statics, shared, hidden, output];
         let matrix = |k: usize| Matrix { range: ranges[k].clone(), sides: sizes[k].map(Side::new) };
-        Self { matrices: std::array::from_fn(matrix), adam: Adam::with_decay(DECAY, shape.parameters()) }
+        Self {
+            matrices: std::array::from_fn(matrix),
+            adam: Adam::with_decay(DECAY, shape.parameters()),
+            pending: vec![0.0; shape.shared * width],
+            turned: vec![0.0; shape.parameters()],
+            moved: vec![0.0; shape.parameters()],
+        }
     }
 
-    /// Moves `parameters` along `scale` times the gradient, at `rate`.
+    /// The frames with these `inputs`, `[frames, shared]`.
+    pub(super) fn frames(&self, simd: Simd, parameters: &[f32], inputs: Vec<f32>) -> Frames {
+        let Matrix { range, sides: [left, right] } = &self.matrices[SHARED];
+        let columns = transposed(&inputs, left.size);
+        let along = product(simd, &columns, &left.columns, left.size);
+        let pending = product(simd, &transposed(&along, left.size), &self.pending, left.size);
+        let pending = product(simd, &transposed(&pending, right.size), &right.rows, right.size);
+        let mut sums = product(simd, &columns, &parameters[range.clone()], left.size);
+        sums.iter_mut().zip(&pending).for_each(|(sum, x)| *sum += x);
+        Frames { inputs, along, sums }
+    }
+
+    /// Moves `parameters` along `scale` times the gradient that was found for these `frames`, at
+    /// `rate`. Steps of the shared inputs' weights are pending until [`Self::is_settled`].
     pub(super) fn step(
         &mut self,
         simd: Simd,
         parameters: &mut [f32],
-        gradient: &[f32],
+        found: Found<'_>,
+        frames: &Frames,
         [rate, scale]: [f64; 2],
     ) {
-        let step = self.adam.steps();
-        let gradient: Vec<f32> = gradient.iter().map(|g| scale as f32 * g).collect();
         let ranges = self.matrices.each_ref().map(|matrix| matrix.range.clone());
-        let mut turned = gradient.clone();
-        let [first, second] = self.adam.moments_mut().map(|moment| parts(moment, ranges.clone()));
-        let own = self.matrices.par_iter_mut().zip(parts(&mut turned, ranges.clone()));
-        own.zip(first).zip(second).for_each(|(((matrix, turned), first), second)| {
-            let gradient = &gradient[matrix.range.clone()];
-            matrix.follow(simd, step, gradient, [first, second]);
-            let along = matrix.along_axes(simd, gradient);
+        let of_matrix = |number: usize| match number {
+            SHARED => Gradient::Factors(frames, found.by_frame_sums),
+            _ => Gradient::Whole(&found.gradient[ranges[number].clone()]),
+        };
+        let Self { matrices, adam, pending, turned, moved } = self;
+        turned.copy_from_slice(found.gradient);
+        let own = matrices.par_iter().zip(parts(turned, ranges.clone()));
+        own.enumerate().for_each(|(number, (matrix, turned))| {
+            let along = of_matrix(number).along_axes(simd, &matrix.sides);
             turned.iter_mut().zip(&along).for_each(|(x, along)| *x = without_tiny(*along));
         });
-        let mut moved = vec![0.0; parameters.len()];
-        self.adam.step(&mut moved, &turned, [rate, 1.0]);
-        let own = self.matrices.par_iter().zip(parts(&mut moved, ranges));
-        own.for_each(|(matrix, moved)| {
-            moved.iter_mut().for_each(|x| *x = without_tiny(*x));
-            let from_axes = matrix.back(simd, moved);
-            moved.copy_from_slice(&from_axes);
+        moved.fill(0.0);
+        adam.step(moved, turned, [rate, scale]);
+        moved.iter_mut().for_each(|x| *x = without_tiny(*x));
+        let shared = &mut moved[ranges[SHARED].clone()];
+        pending.iter_mut().zip(&*shared).for_each(|(x, moved)| *x += moved);
+        shared.fill(0.0);
+        let own = matrices.par_iter().zip(parts(moved, ranges.clone()));
+        own.enumerate().filter(|(number, _)| *number != SHARED).for_each(|(_, (matrix, moved))| {
+            moved.copy_from_slice(&matrix.back(simd, moved));
         });
-        parameters.iter_mut().zip(&moved).for_each(|(p, moved)| *p += moved);
+        parameters.iter_mut().zip(&*moved).for_each(|(p, moved)| *p += moved);
+        if self.is_settled() {
+            self.settle(simd, parameters);
+        }
+        let done = self.adam.steps();
+        let [first, second] = self.adam.moments_mut().map(|moment| parts(moment, ranges.clone()));
+        let own = self.matrices.par_iter_mut().zip(first).zip(second);
+        own.enumerate().for_each(|(number, ((matrix, first), second))| {
+            let step = Step { done, gradient: of_matrix(number), square: (scale * scale) as f32 };
+            matrix.follow(simd, &step, [first, second]);
+        });
+    }
+
+    /// Whether the last step has left none pending, for axes have changed after it.
+    pub(super) fn is_settled(&self) -> bool {
+        is_change(self.adam.steps(), CHANGE_EVERY)
+    }
+
+    /// Moves `parameters` by the pending steps.
+    pub(super) fn settle(&mut self, simd: Simd, parameters: &mut [f32]) {
+        let matrix = &self.matrices[SHARED];
+        self.pending.iter_mut().for_each(|x| *x = without_tiny(*x));
+        let moved = matrix.back(simd, &self.pending);
+        parameters[matrix.range.clone()].iter_mut().zip(&moved).for_each(|(p, moved)| *p += moved);
+        self.pending.fill(0.0);
     }
 
     /// The mean squares of the gradient along the axes; those of the biases as they are.
@@ -290,7 +272,8 @@ impl Soap {
     pub(super) fn state(&self) -> State {
         let sides = self.matrices.iter().flat_map(|matrix| &matrix.sides);
         let [first, second] = self.adam.moments().map(<[f32]>::to_vec);
-        [first, second, sides.flat_map(|side| side.covariance.iter().chain(&side.rows)).copied().collect()]
+        let numbers = sides.flat_map(|side| side.covariance.iter().chain(&side.rows));
+        [first, second, numbers.chain(&self.pending).copied().collect()]
     }
 
     /// The state after `steps` steps; none if it is of another network.
@@ -307,8 +290,9 @@ impl Soap {
             left = rest;
         }
         let lengths = [first.len(), second.len(), left.len()];
+        own.pending = left.to_vec();
         own.adam.resume(steps, [first, second]);
-        (lengths == [parameters, parameters, 0]).then_some(own)
+        (lengths == [parameters, parameters, shape.shared * shape.width]).then_some(own)
     }
 }
 
@@ -316,94 +300,61 @@ impl Soap {
 mod tests {
     use super::*;
     use crate::random::Random;
+    use crate::train::axes::tests::rotation;
 
-    fn rotation(random: &mut Random, size: usize) -> Vec<f32> {
-        let mut rows: Vec<f32> = (0..size * size).map(|_| random.normal() as f32).collect();
-        orthonormalize(Simd::Auto, &mut rows, size);
-        rows
-    }
-
-    fn off_orthonormal(rows: &[f32], size: usize) -> f32 {
-        let columns = transposed(rows, size);
-        off_identity(&product(Simd::Auto, &columns, &columns, size), size)
-    }
-
+    /// The same gradient as a matrix and as factors.
     #[test]
-    fn rows_of_very_different_lengths_become_orthonormal() {
-        let mut random = Random::new(2);
-        for size in [3, 32, 100] {
-            let mut rows: Vec<f32> = (0..size * size).map(|_| random.normal() as f32).collect();
-            for (i, row) in rows.chunks_exact_mut(size).enumerate() {
-                row.iter_mut().for_each(|x| *x *= 10f32.powi(-(i as i32 % 7)));
-            }
-            // A row that is nearly the first.
-            let first = rows[..size].to_vec();
-            rows[2 * size..3 * size].iter_mut().zip(&first).for_each(|(x, first)| *x = first + 1e-4 * *x);
-            (0..2).for_each(|_| orthonormalize(Simd::Auto, &mut rows, size));
-            assert!(off_orthonormal(&rows, size) < 2e-6, "{size}: {}", off_orthonormal(&rows, size));
+    fn a_gradient_is_that_of_its_factors() {
+        const FRAMES: usize = 7;
+        let mut random = Random::new(8);
+        let shape = Shape { statics: 2, shared: 19, width: 13, outputs: 3 };
+        let mut soap = Soap::new(&shape);
+        let matrix = &mut soap.matrices[SHARED];
+        for side in &mut matrix.sides {
+            side.rows = rotation(&mut random, side.size);
+            side.columns = transposed(&side.rows, side.size);
+        }
+        let mut numbers = |count: usize| -> Vec<f32> { (0..count).map(|_| random.normal() as f32).collect() };
+        let (inputs, by_sums) = (numbers(FRAMES * shape.shared), numbers(FRAMES * shape.width));
+        let parameters = numbers(shape.parameters());
+        let whole = product(Simd::Auto, &inputs, &by_sums, FRAMES);
+        let frames = soap.frames(Simd::Auto, &parameters, inputs);
+        let of = |gradient: Gradient<'_>| {
+            [
+                gradient.along_axes(Simd::Auto, &soap.matrices[SHARED].sides),
+                gradient.left_covariance(Simd::Auto, shape.width),
+                gradient.right_covariance(Simd::Auto, shape.shared),
+            ]
+            .concat()
+        };
+        let [of_factors, of_whole] = [Gradient::Factors(&frames, &by_sums), Gradient::Whole(&whole)].map(of);
+        for (a, b) in of_factors.iter().zip(&of_whole) {
+            assert!((a - b).abs() < 1e-4 * (1.0 + b.abs()), "{a} {b}");
         }
     }
 
-    /// Axes of a covariance with known eigenvectors are found, and stay orthonormal; what no
-    /// gradient reaches keeps its axes exactly.
+    /// Pending steps count in the first layer's sums as they do once the parameters have them.
     #[test]
-    fn axes_become_eigenvectors() {
-        const SIZE: usize = 40;
-        let mut random = Random::new(3);
-        let vectors = rotation(&mut random, SIZE);
-        let mut side = Side::new(SIZE + 1);
-        for step in 0..4_000 {
-            let mut gradient = vec![0.0; SIZE + 1];
-            for (i, vector) in vectors.chunks_exact(SIZE).enumerate() {
-                let size = 0.8f32.powi(i as i32) * random.normal() as f32;
-                gradient.iter_mut().zip(vector).for_each(|(g, x)| *g += size * x);
-            }
-            side.follow(Simd::Auto, step, &gradient);
-        }
-        assert!(off_orthonormal(&side.rows, SIZE + 1) < 2e-6);
-        // The mean has about a hundred gradients in it, so the axes are those of a sample.
-        for (axis, vector) in side.rows.chunks_exact(SIZE + 1).zip(vectors.chunks_exact(SIZE)).take(2) {
-            let along = dot(&axis[..SIZE], vector).abs();
-            assert!(along > 0.6, "{along}");
-        }
-        let last = &side.rows[SIZE * (SIZE + 1)..];
-        assert!(last[..SIZE].iter().all(|x| *x == 0.0) && last[SIZE] == 1.0);
-    }
-
-    /// What no longer has a gradient decays to 0, not to subnormal numbers, with which products
-    /// take a hundred times as long.
-    #[test]
-    fn what_has_no_gradient_any_more_becomes_zero() {
-        const SIZE: usize = 24;
-        let mut random = Random::new(4);
-        let mut side = Side::new(SIZE);
-        for step in 0..10_000 {
-            let size = if step < 50 { SIZE } else { SIZE / 2 };
-            let mut gradient = vec![0.0; SIZE];
-            gradient[..size].iter_mut().for_each(|x| *x = 1e-3 * random.normal() as f32);
-            side.follow(Simd::Auto, step, &gradient);
-        }
-        let numbers = side.covariance.iter().chain(&side.rows).chain(&side.columns);
-        assert_eq!(numbers.filter(|x| x.is_subnormal()).count(), 0);
-        let last = &side.covariance[SIZE * SIZE / 2..];
-        assert!(last.iter().all(|x| *x == 0.0), "{last:?}");
-        assert!(side.covariance[0] > 1e-8);
-    }
-
-    /// Two equal numbers that are most of the gradient leave one axis without any of it.
-    #[test]
-    fn no_axis_is_lost_where_numbers_are_equal() {
-        const SIZE: usize = 256;
-        for strong in [0.1f32, 3.0, 1e3] {
-            let mut random = Random::new(6);
-            let mut side = Side::new(SIZE);
-            for step in 0..100 {
-                let mut gradient: Vec<f32> = (0..SIZE).map(|_| random.normal() as f32).collect();
-                gradient[9] = strong * gradient[9] * (SIZE as f32).sqrt();
-                gradient[77] = gradient[9];
-                side.follow(Simd::Auto, step, &gradient);
-                let off = off_orthonormal(&side.rows, SIZE);
-                assert!(off < 1e-3, "{strong}, step {step}: {off}");
+    fn pending_steps_count() {
+        const FRAMES: usize = 5;
+        let mut random = Random::new(9);
+        let shape = Shape { statics: 2, shared: 9, width: 8, outputs: 3 };
+        let mut soap = Soap::new(&shape);
+        let mut numbers = |count: usize| -> Vec<f32> { (0..count).map(|_| random.normal() as f32).collect() };
+        let mut parameters = numbers(shape.parameters());
+        for step in 1..25 {
+            let (inputs, by_frame_sums) = (numbers(FRAMES * shape.shared), numbers(FRAMES * shape.width));
+            let gradient = numbers(shape.parameters());
+            let found = Found { gradient: &gradient, by_frame_sums: &by_frame_sums };
+            let frames = soap.frames(Simd::Auto, &parameters, inputs);
+            soap.step(Simd::Auto, &mut parameters, found, &frames, [0.1, 1.0]);
+            assert_eq!(soap.is_settled(), soap.pending.iter().all(|x| *x == 0.0), "step {step}");
+            let before = soap.frames(Simd::Auto, &parameters, frames.inputs.clone());
+            let (mut settled, mut now) = (soap.clone(), parameters.clone());
+            settled.settle(Simd::Auto, &mut now);
+            let after = settled.frames(Simd::Auto, &now, frames.inputs);
+            for (a, b) in before.sums.iter().zip(&after.sums) {
+                assert!((a - b).abs() < 1e-4, "step {step}: {a} {b}");
             }
         }
     }
@@ -441,11 +392,19 @@ mod tests {
         let [mut by_soap, mut by_adam] = [start.clone(), start.clone()];
         let (mut soap, mut adam) = (Soap::new(&shape), Adam::with_decay(DECAY, shape.parameters()));
         for step in 0..steps {
-            let (_, found) = gradient(&by_soap);
-            soap.step(Simd::Auto, &mut by_soap, &found, [rate(step), 1.0]);
+            // Each frame has one input, so the first layer's sums are its weights.
+            let mut inputs = vec![0.0; shape.shared * shape.shared];
+            inputs.iter_mut().step_by(shape.shared + 1).for_each(|x| *x = 1.0);
+            let frames = soap.frames(Simd::Auto, &by_soap, inputs);
+            let mut now = by_soap.clone();
+            now[range.clone()].copy_from_slice(&frames.sums);
+            let (_, found) = gradient(&now);
+            let found = Found { gradient: &found, by_frame_sums: &found[range.clone()] };
+            soap.step(Simd::Auto, &mut by_soap, found, &frames, [rate(step), 1.0]);
             let (_, found) = gradient(&by_adam);
             adam.step(&mut by_adam, &found, [rate(step), 1.0]);
         }
+        soap.settle(Simd::Auto, &mut by_soap);
         let [start, soap, adam] = [&start, &by_soap, &by_adam].map(|parameters| gradient(parameters).0);
         println!("{start} at first, {soap} by SOAP, {adam} by Adam");
         assert!(soap < 0.1 * adam && adam < 0.1 * start);

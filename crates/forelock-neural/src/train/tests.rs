@@ -15,14 +15,15 @@ pub(super) fn ball(radius: f64) -> SmoothField {
 pub(crate) fn set() -> TrainingSet {
     let mut random = Random::stream(7, 0);
     let mut strands = Vec::new();
-    for _ in 0..200 {
+    for strand in 0..200 {
+        let edge = if strand < 120 { 0.8 } else { 0.5 };
         let mut out = DVec3::new(random.signed(), random.unit(), random.signed()).normalize();
         let mut at = 9.0 * out;
         let rest = std::array::from_fn(|_| {
             let here = at.as_vec3().to_array();
             out =
                 (out + 0.2 * DVec3::new(random.signed(), random.signed() - 0.5, random.signed())).normalize();
-            at += 0.8 * out;
+            at += edge * out;
             here
         });
         let statics = (0..STATICS).map(|_| random.signed() as f32).collect();
@@ -79,8 +80,11 @@ fn agrees_on(set: &TrainingSet, head: OutputHead, has_history: bool, mut energie
     let mut energy = |network: &Network<f32>| {
         let basis = basis(100.0, 1e-4, 1.0 / 30.0);
         let goal = Goal { energies, objective: Objective::Residual, head };
-        let energy = workspace.gradient(simd, network, &basis, &goal, &Batch { set, drawn: &batch });
-        (energy, workspace.found().to_vec())
+        let inputs = frame_inputs(set, &batch, network.shape().shared);
+        let frames = Soap::new(network.shape()).frames(simd, network.parameters(), inputs);
+        let batch = Batch { set, drawn: &batch, frames: [&frames.inputs, &frames.sums] };
+        let energy = workspace.gradient(simd, network, &basis, &goal, &batch);
+        (energy, workspace.found().gradient.to_vec())
     };
     let (_, gradient) = energy(&trainer.network);
     // Along the gradient of each part of the parameters, and along random directions.
@@ -161,7 +165,10 @@ fn squared_error_falls_from_that_of_the_shape_at_rest_whatever_the_threads() {
             let strands = drapes.strands(window);
             let all = drapes.of(window).iter().flat_map(|moment| moment.iter().zip(strands));
             let count = (MOMENTS * STRANDS) as f64;
-            all.map(|(drape, strand)| error(&set.strands[strand].rest, drape)).sum::<f64>() / count
+            let of_strand = |(drape, strand): (&[[f32; 3]; PARTICLES], usize)| {
+                f64::from(set.chances.weight(strand)) * error(&set.strands[strand].rest, drape)
+            };
+            all.map(of_strand).sum::<f64>() / count
         })
         .collect();
     let [least, most] = [f64::min, f64::max].map(|of| windows.iter().copied().reduce(of).unwrap());
@@ -205,4 +212,12 @@ fn what_cannot_be_trained_with_is_refused() {
     let mut broken = set.clips.clone();
     broken[1][2].velocity[5] = f32::NAN;
     assert_eq!(refused(&set.strands, &broken), SetError::Frame { clip: 1, frame: 2 });
+}
+
+#[test]
+fn the_rate_rises_over_at_most_a_tenth_of_the_steps() {
+    let rise = |steps: u32, done: u32| Options { steps, ..Options::default() }.rise_at(done);
+    assert_eq!([0, 149, 299, 5_000].map(|done| rise(18_000, done)), [1.0 / 300.0, 0.5, 1.0, 1.0]);
+    assert_eq!([0, 1, 2].map(|done| rise(20, done)), [0.5, 1.0, 1.0]);
+    assert_eq!([0, 1].map(|steps| rise(steps, 0)), [1.0, 1.0]);
 }

@@ -199,13 +199,14 @@ forelock_core::documented! {
 pub struct TrainingSteps {
     /// Steps of the strand codes. Unit steps, default 4000, range 1 to 1000000.
     pub codes: u32,
-    /// Steps of the simulator. Unit steps, default 18000, range 1 to 10000000.
+    /// Steps of the simulator. Unit steps, default 19000, range 1 to 10000000.
     pub simulator: u32,
-    /// Learning rate at the start. No unit, default 0.003, range 1e-7 to 1.
+    /// Learning rate at the start, after a rise over at most 300 steps. No unit, default 0.003,
+    /// range 1e-7 to 1.
     pub rate: f64,
     /// Learning rate in the end, as a share of that. No unit, default 0.02, range 0 to 1.
     pub last_rate: f64,
-    /// Share of the steps that train the drape, without inertia and drag. No unit, default 0.1,
+    /// Share of the steps that train the drape, without inertia and drag. No unit, default 0.03,
     /// range 0 to 1.
     pub drape: f64,
     /// Steps between two measurements on strands and motions that are not trained. Unit steps,
@@ -293,7 +294,7 @@ impl Default for TrainingSteps {
         let Options { rate, last_rate, warm_start, .. } = Options::default();
         Self {
             codes: 4000,
-            simulator: 18_000,
+            simulator: 19_000,
             rate,
             last_rate,
             drape: warm_start,

@@ -25,7 +25,7 @@ use super::{TrainingError, page};
 use crate::progress::{Observer, Progress};
 
 /// Changes with what a step of a training computes, so that no checkpoint goes on in another way.
-const TRAINING_VERSION: u32 = 2;
+const TRAINING_VERSION: u32 = 3;
 
 /// The name under which the steps of the simulator report their progress: a training that is asked
 /// to stop ends soon while they run, and can be resumed.
@@ -162,7 +162,7 @@ pub fn train(
     } else {
         None
     };
-    let Resumed { trainer, best, .. } = resumed.0;
+    let Resumed { trainer, best } = resumed.0;
     let mut run = Run { config, out, trainer, best, note: resumed.1, choice };
     run.steps(&set, observer, stop)?;
     let mut summary = TrainingSummary {
@@ -203,7 +203,7 @@ fn resumed(
     let path = options.out.join(CHECKPOINT);
     let start = |note: Note| {
         let trainer = Trainer::new(own);
-        (Resumed { trainer, best: None, note: String::new() }, note)
+        (Resumed { trainer, best: None }, note)
     };
     if !options.resume {
         return Ok(start(begun));
@@ -218,9 +218,9 @@ fn resumed(
         }
         Err(error) => return Err(TrainingError::Read { path, error }),
     };
-    let resumed = Trainer::resume(own, &bytes)
-        .map_err(|error| TrainingError::Checkpoint { path: path.clone(), error })?;
-    let note: Note = serde_json::from_str(&resumed.note).map_err(|_| TrainingError::Other {
+    let broken = |error| TrainingError::Checkpoint { path: path.clone(), error };
+    let note = Trainer::note(&bytes).map_err(broken)?;
+    let note: Note = serde_json::from_str(&note).map_err(|_| TrainingError::Other {
         path: path.clone(),
         what: "train without --resume".to_owned(),
     })?;
@@ -238,7 +238,7 @@ fn resumed(
         };
         format!("{what}give the same configuration and --set options, or train without --resume")
     } else {
-        return Ok((resumed, note));
+        return Ok((Trainer::resume(own, &bytes).map_err(broken)?, note));
     };
     Err(TrainingError::Other { path, what })
 }

@@ -177,7 +177,7 @@ impl Both {
         let prepared = self.ours.prepare(&rest, &statics)?;
         let mut pictures = Vec::new();
         let frames = SHOWN[1..].iter().map(|frame| (*frame).min(clip.len() - 1));
-        let inputs: Vec<Vec<f32>> = frames.map(|frame| shared(clip, frame).collect()).collect();
+        let inputs: Vec<Vec<f32>> = frames.map(|frame| shared(clip, frame)).collect();
         for is_map in [false, true] {
             for (k, inputs) in inputs.iter().enumerate() {
                 let mut found = vec![[[0.0; 3]; PARTICLES]; rest.len()];
