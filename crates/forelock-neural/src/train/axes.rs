@@ -53,8 +53,8 @@ pub(super) fn transposed(from: &[f32], columns: usize) -> Vec<f32> {
     to
 }
 
-/// Whether axes change after step `done`: after the first one, then every so many.
-pub(super) fn is_change(done: u32, every: u32) -> bool {
+/// Whether what happens every so many steps, and after the first one, happens after step `done`.
+pub(super) fn is_due(done: u32, every: u32) -> bool {
     done == 1 || done.is_multiple_of(every)
 }
 
@@ -71,8 +71,8 @@ impl Side {
     }
 
     /// Whether the gradient of step `done` counts in the covariance.
-    pub(super) fn is_due(&self, done: u32) -> bool {
-        done == 1 || done.is_multiple_of(self.interval())
+    pub(super) fn counts(&self, done: u32) -> bool {
+        is_due(done, self.interval())
     }
 
     /// Updates the covariance with the GGᵀ or GᵀG of step `done`, which is `square` times `new`,
@@ -85,7 +85,7 @@ impl Side {
         for (mean, x) in self.covariance.iter_mut().zip(new) {
             *mean = without_tiny(kept * *mean + taken * x);
         }
-        if !is_change(done, interval * CHANGE_EVERY) {
+        if !is_due(done, interval * CHANGE_EVERY) {
             return None;
         }
         let before = self.iterate(simd)?;

@@ -14,6 +14,7 @@
 use super::between::{Between, Neighbourhood};
 use super::layers::{bias_gradient, mask_rows, parts, weight_gradient};
 use super::set::{Bust, Drawn, shared as shared_inputs};
+use super::soap::Frames;
 use super::window::{Goal, Neighbours, Window};
 use super::{FRAMES, MOMENTS, STRANDS, TrainingSet};
 use crate::losses::elastic::RestStrand;
@@ -131,9 +132,8 @@ impl PacketBuffers {
 pub(super) struct Batch<'a> {
     pub set: &'a TrainingSet,
     pub drawn: &'a [Drawn; FRAMES],
-    /// The inputs of all frames ([`frame_inputs`]), and the first layer's sums of them, `[frames,
-    /// width]`.
-    pub frames: [&'a [f32]; 2],
+    /// With the inputs of [`frame_inputs`].
+    pub frames: &'a Frames,
 }
 
 /// What the packets of a step have in common.
@@ -185,12 +185,12 @@ impl Workspace {
         goal: &Goal,
         batch: &Batch<'_>,
     ) -> f64 {
-        let Batch { set, drawn, frames: [_, frames] } = *batch;
+        let Batch { set, drawn, frames } = *batch;
         self.weights.fold(network, goal.basis(basis));
         let weights = &self.weights;
-        let step = Step { simd, network, weights, goal, set, drawn, frames };
+        let step = Step { simd, network, weights, goal, set, drawn, frames: &frames.sums };
         self.packets.par_iter_mut().enumerate().for_each(|(number, packet)| step.packet(number, packet));
-        self.weight_gradients(simd, network.shape(), goal.basis(basis), batch.frames[0]);
+        self.weight_gradients(simd, network.shape(), goal.basis(basis), &frames.inputs);
         self.packets.iter().map(|packet| packet.energy).sum::<f64>()
     }
 

@@ -313,7 +313,7 @@ impl Trainer {
         let shape = *self.network.shape();
         let inputs = frame_inputs(set, &drawn, shape.shared);
         let frames = self.descent.frames(simd, self.network.parameters(), inputs);
-        let batch = Batch { set, drawn: &drawn, frames: [&frames.inputs, &frames.sums] };
+        let batch = Batch { set, drawn: &drawn, frames: &frames };
         let goal = Goal { energies, objective: options.objective, head: options.head };
         let energy = self.workspace.gradient(simd, &self.network, &self.basis, &goal, &batch);
         let norm = self.workspace.norm();

@@ -18,7 +18,7 @@
 //! until then [`Soap::frames`] adds what they contribute to the first layer's sums.
 
 use super::adam::Adam;
-use super::axes::{CHANGE_EVERY, Side, is_change, product, transposed, without_tiny};
+use super::axes::{CHANGE_EVERY, Side, is_due, product, transposed, without_tiny};
 use super::gradient::Found;
 use super::layers::parts;
 use crate::network::Shape;
@@ -143,12 +143,12 @@ impl Matrix {
         let sizes @ [rows, columns] = [left.size, right.size];
         let (of_left, of_right) = rayon::join(
             || {
-                left.is_due(done)
+                left.counts(done)
                     .then(|| left.follow(simd, done, &gradient.left_covariance(simd, columns), square))
             },
             || {
                 right
-                    .is_due(done)
+                    .counts(done)
                     .then(|| right.follow(simd, done, &gradient.right_covariance(simd, rows), square))
             },
         );
@@ -250,7 +250,7 @@ impl Soap {
 
     /// Whether the last step has left none pending, for axes have changed after it.
     pub(super) fn is_settled(&self) -> bool {
-        is_change(self.adam.steps(), CHANGE_EVERY)
+        is_due(self.adam.steps(), CHANGE_EVERY)
     }
 
     /// Moves `parameters` by the pending steps.

@@ -82,7 +82,7 @@ fn agrees_on(set: &TrainingSet, head: OutputHead, has_history: bool, mut energie
         let goal = Goal { energies, objective: Objective::Residual, head };
         let inputs = frame_inputs(set, &batch, network.shape().shared);
         let frames = Soap::new(network.shape()).frames(simd, network.parameters(), inputs);
-        let batch = Batch { set, drawn: &batch, frames: [&frames.inputs, &frames.sums] };
+        let batch = Batch { set, drawn: &batch, frames: &frames };
         let energy = workspace.gradient(simd, network, &basis, &goal, &batch);
         (energy, workspace.found().gradient.to_vec())
     };
