@@ -243,6 +243,7 @@ impl GpuSimulation {
             clamped: self.rules.clamped as u32,
             substeps: count,
             spans: self.plan.spans(),
+            calm_secs: self.sleep.calm_before(),
         };
         self.interactions.iter_mut().for_each(|own| own.write_frame(&self.gpu, &given));
         let air = self.air.as_mut().zip(wind).map(|(air, wind)| {

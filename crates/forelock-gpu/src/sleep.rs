@@ -77,7 +77,9 @@ pub(crate) struct DeviceSleep {
     place: Option<SleepPlace>,
     /// Seconds for which the surroundings have been still.
     calm_secs: f64,
-    /// Distance up to which friction holds strands in the frame that was prepared, metres.
+    /// The same before the frame that was prepared.
+    calm_before: f64,
+    /// Distance up to which friction holds strands in that frame, metres.
     held: f64,
     /// Seconds of the frames that were measured since the last report.
     pending_secs: f64,
@@ -113,7 +115,12 @@ impl DeviceSleep {
     pub fn wake(&mut self) {
         self.has_slept |= self.is_asleep();
         (self.still_secs, self.place, self.pending_secs) = (0.0, None, 0.0);
-        (self.calm_secs, self.held) = (0.0, 0.0);
+        (self.calm_secs, self.calm_before, self.held) = (0.0, 0.0, 0.0);
+    }
+
+    /// Seconds for which the surroundings had been still before the frame that was prepared.
+    pub fn calm_before(&self) -> f64 {
+        self.calm_before
     }
 
     /// The distance up to which friction holds strands in the frame that was prepared, metres.
@@ -176,6 +183,7 @@ impl DeviceSleep {
             return SleepStep::Asleep;
         }
         self.held = held_distance(speed, self.calm_secs, frame.dt_secs);
+        self.calm_before = self.calm_secs;
         self.calm_secs += frame.dt_secs;
         self.pending_secs += frame.dt_secs;
         let has_slept = std::mem::take(&mut self.has_slept);

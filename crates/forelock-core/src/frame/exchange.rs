@@ -37,6 +37,9 @@ pub struct ExchangeContext<'a, T> {
     pub substeps: u32,
     /// Length of the span, seconds.
     pub dt_secs: f64,
+    /// Seconds for which head, gravity, air and colliders have been still; 0 if that is not
+    /// measured.
+    pub calm_secs: f64,
 }
 
 impl<T> ExchangeContext<'_, T> {

@@ -44,7 +44,8 @@ pub struct Options {
     /// Accepts h²κ beyond the float32 limit (to demonstrate the failure).
     pub beyond_float32: bool,
     /// Speed below which strands are still, m/s: those that are still for a second sleep until
-    /// something wakes them. 0, the default: no strand sleeps.
+    /// something wakes them. 0, the default: no strand sleeps, and friction between neighbours
+    /// ([`ContactParams::hold`]) does not fade.
     pub sleep_speed: f64,
 }
 

@@ -177,6 +177,7 @@ impl<T: SimulationReal> Simulation<T> {
             solids: frame.colliders,
             solid_poses,
         };
+        let calm_secs = if measures_stillness { self.state.sleep.calm_secs } else { 0.0 };
         let context = |span: Span| {
             let [first, end] = [span.first, span.end].map(|k| k as usize);
             ExchangeContext {
@@ -188,6 +189,7 @@ impl<T: SimulationReal> Simulation<T> {
                 clamped: rules.clamped,
                 substeps: span.substeps(),
                 dt_secs: span.secs(substeps, frame.dt_secs),
+                calm_secs,
             }
         };
         let (speed, dt_secs, h) = (self.options.sleep_speed, frame.dt_secs, cx.h);

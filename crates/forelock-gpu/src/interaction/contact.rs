@@ -514,7 +514,7 @@ impl GpuInteraction for DeviceContacts {
             let start = if first == 0 { &frame.start } else { &frame.poses[first] };
             [host.from_start, host.from_end] = [start, &frame.poses[end]].map(|pose| rigid(&pose.inverse()));
             host.slip = params.slip_distance(dt_secs);
-            host.hold = (params.hold * dt_secs * dt_secs) as f32;
+            host.hold = (params.hold_after(frame.calm_secs) * dt_secs * dt_secs) as f32;
             host.dt = dt_secs as f32;
             let place = u64::from(span.number * self.stride);
             gpu.queue().write_buffer(&self.uniform, place, bytemuck::bytes_of(&**host));

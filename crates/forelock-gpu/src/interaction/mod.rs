@@ -106,6 +106,9 @@ pub(crate) struct InteractionFrame<'a> {
     pub substeps: u32,
     /// Spans of the frame, at whose ends interactions that repeat run.
     pub spans: &'a [Span],
+    /// Seconds for which head, gravity, air and colliders have been still; 0 if that is not
+    /// measured.
+    pub calm_secs: f64,
 }
 
 /// Puts `made`, of the kind called `name`, in the place of the one of `all` with that name, or

@@ -95,9 +95,13 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
         report: &mut FrameReport,
     ) {
         let clock = std::time::Instant::now();
-        // Only changes are added, so velocities may hold more than motion.
-        let State { positions, velocities, clearance, .. } = state;
-        self.contacts.hold(cx.model, ParticleRows { positions, velocities, clearance }, &moment(cx));
+        let held = self.contacts.params().hold_after(cx.calm_secs);
+        if held > 0.0 {
+            // Only changes are added, so velocities may hold more than motion.
+            let State { positions, velocities, clearance, .. } = state;
+            let rows = ParticleRows { positions, velocities, clearance };
+            self.contacts.hold(cx.model, rows, &moment(cx), held);
+        }
         report.stages.add(FRICTION.stage, shared_secs(clock.elapsed().as_secs_f64()));
     }
 

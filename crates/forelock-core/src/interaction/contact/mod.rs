@@ -36,7 +36,7 @@ pub(crate) use exchange::ContactInteraction;
 pub use exchange::{EXCHANGE, FRICTION};
 pub(crate) use histogram::Histogram;
 pub(crate) use mean_motion::{LargestResiduals, MeanMotion};
-pub use params::ContactParams;
+pub use params::{CREEP_SECS, ContactParams};
 
 use crate::lane::Simd;
 use crate::lane::{LANES, Real, Row};
@@ -152,12 +152,18 @@ impl Contacts {
     }
 
     /// Holds what moved slowly relative to its neighbours since
-    /// [`record_start`](Self::record_start), up to the acceleration [`ContactParams::hold`]:
-    /// changes positions and velocities of all particles except the clamped ones, and subtracts the
-    /// distances from their clearances.
-    pub fn hold<T: Real>(&mut self, model: &Model<T>, rows: ParticleRows<'_, T>, moment: &ContactMoment<'_>) {
+    /// [`record_start`](Self::record_start), up to `acceleration`, m/s²: changes positions and
+    /// velocities of all particles except the clamped ones, and subtracts the distances from their
+    /// clearances.
+    pub fn hold<T: Real>(
+        &mut self,
+        model: &Model<T>,
+        rows: ParticleRows<'_, T>,
+        moment: &ContactMoment<'_>,
+        acceleration: f64,
+    ) {
         self.displacements.record_end(model, rows.positions, moment.head);
-        self.friction.hold(model, &self.displacements, rows, moment, self.params.hold);
+        self.friction.hold(model, &self.displacements, rows, moment, acceleration);
     }
 
     /// Finds the contacts since [`record_start`](Self::record_start) and resolves them: changes

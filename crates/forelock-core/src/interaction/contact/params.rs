@@ -3,6 +3,9 @@
 use crate::interaction::contact::find_contacts::SLOP;
 use crate::params::{ParamsError, check};
 
+/// Time within which friction between neighbours fades in still surroundings, seconds.
+pub const CREEP_SECS: f64 = 3.0;
+
 crate::documented! {
 /// Parameters of contacts between strand segments.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,7 +22,8 @@ pub struct ContactParams {
     /// default 0.02, range 0 to 1000.
     pub slip: f64,
     /// Acceleration up to which friction holds hair that moves relative to its neighbours; 0 is no
-    /// such friction. Unit m/s², default 1.2, range 0 to 10000.
+    /// such friction. It fades within three seconds while head, air and colliders are still, unless
+    /// sleep is off. Unit m/s², default 1.2, range 0 to 10000.
     pub hold: f64,
     /// Maximum number of contacts in a frame; those of the fastest approach are kept. Contacts are
     /// searched for a quarter of this number of particles, those of the largest motion relative to
@@ -58,6 +62,12 @@ impl ContactParams {
     /// at least a small share of the contact distance.
     pub fn slip_distance(&self, dt_secs: f64) -> f32 {
         ((self.slip * dt_secs) as f32).max(SLOP * self.distance as f32)
+    }
+
+    /// Acceleration up to which friction holds hair whose surroundings have been still for
+    /// `calm_secs`, m/s².
+    pub fn hold_after(&self, calm_secs: f64) -> f64 {
+        self.hold * (1.0 - calm_secs / CREEP_SECS).clamp(0.0, 1.0)
     }
 
     /// Checks every parameter against its range.

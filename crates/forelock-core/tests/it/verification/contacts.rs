@@ -173,7 +173,10 @@ impl Free {
 
     /// Moves for a frame, and lets friction act.
     fn hold(&mut self) {
-        self.advance(|contacts, model, rows, moment| contacts.hold(model, rows, moment));
+        self.advance(|contacts, model, rows, moment| {
+            let held = contacts.params().hold;
+            contacts.hold(model, rows, moment, held);
+        });
     }
 
     /// Σ v and Σ |v|, all particles of equal mass.

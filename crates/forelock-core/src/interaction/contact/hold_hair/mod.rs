@@ -22,7 +22,16 @@
 //!
 //! The stage comes before the length pass, which restores the edges that it stretched.
 //!
+//! Friction holds a strand at up to d = a/ω² from where its ties draw it, 12 mm by default (ω = 10
+//! s⁻¹). Hair that was shaken would stay that far from its shape. So where strands sleep, a fades
+//! within [`CREEP_SECS`](super::CREEP_SECS) while head, gravity, air and colliders are still
+//! ([`ContactParams::hold_after`](super::ContactParams::hold_after)): hair creeps back to its
+//! shape, and friction at rest ([`crate::frame`]) then ends what slips and sticks.
+//!
 //! # Limitations
+//! Where friction holds all strands so well that they are still for a second, they sleep before it
+//! has faded, and keep their distance from their shape.
+//!
 //! Friction does not depend on how hard strands press on each other, and hair that is alone is held
 //! by nothing. The mean motion is an average over some centimetres.
 
