@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use forelock_core::frame::FrameRules;
 use forelock_core::params::Inextensibility;
 use forelock_core::pose::Pose;
-use glam::{DMat4, DVec3, Mat4, Vec3, Vec4};
+use glam::{DMat4, DVec3, Mat4, UVec2, Vec3, Vec4};
 
 /// Coefficients of a frame: `FrameInput` in `prelude.wgsl`.
 #[repr(C)]
@@ -47,8 +47,8 @@ pub struct FrameUniform {
     pub healing_limit: f32,
     /// Clamped particles from the root.
     pub clamped: u32,
-    /// [`flags`].
-    pub flags: u32,
+    /// [`flags`], the same bits twice: see `has` in the kernels.
+    pub flags: UVec2,
     /// The clearance of a particle that has not been queried.
     pub unknown: f32,
     /// Drag along a strand over that across it.
@@ -83,6 +83,8 @@ pub struct FrameUniform {
     pub channel_rows: u32,
     /// Distance up to which friction holds strands in still surroundings, metres.
     pub held: f32,
+    /// Unused.
+    pub pad: Vec3,
 }
 
 /// Bits of [`FrameUniform::flags`].
@@ -115,10 +117,14 @@ pub mod flags {
     pub const BENDS: u32 = 1 << 12;
     /// Strands have motions of their own, relative to the head.
     pub const ROOT_FRAMES: u32 = 1 << 13;
+    /// There are integrity ties.
+    pub const INTEGRITY: u32 = 1 << 14;
+    /// There are altitude springs.
+    pub const ALTITUDE: u32 = 1 << 15;
 }
 
 /// The same by their WGSL names.
-pub const FLAGS: [Constant; 14] = [
+pub const FLAGS: [Constant; 16] = [
     Constant::u32("TENSION", flags::TENSION),
     Constant::u32("ANGULAR_EDGE", flags::ANGULAR_EDGE),
     Constant::u32("ANGULAR_PAPER", flags::ANGULAR_PAPER),
@@ -133,6 +139,8 @@ pub const FLAGS: [Constant; 14] = [
     Constant::u32("LIMIT_LENGTHS", flags::LIMIT_LENGTHS),
     Constant::u32("BENDS", flags::BENDS),
     Constant::u32("ROOT_FRAMES", flags::ROOT_FRAMES),
+    Constant::u32("INTEGRITY", flags::INTEGRITY),
+    Constant::u32("ALTITUDE", flags::ALTITUDE),
 ];
 
 /// A substep's poses: `Substep` in `prelude.wgsl`.
@@ -258,12 +266,18 @@ impl FrameUniform {
             length_damping: single(rules.length_damping),
             length_limit: single(1.0 + rules.max_stretch),
             clamped: rules.clamped as u32,
-            flags: on.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum(),
             unknown: UNKNOWN,
             drag_along: 1.0,
             least_mass: 1.0,
             ..Self::zeroed()
         }
+        .with_flags(&on)
+    }
+
+    /// The same with the flags of those conditions that hold.
+    pub(crate) fn with_flags(self, conditions: &[(bool, u32)]) -> Self {
+        let flags = conditions.iter().filter(|(holds, _)| *holds).fold(0, |flags, (_, flag)| flags | flag);
+        Self { flags: self.flags | flags, ..self }
     }
 
     /// The same for particles that have masses of at least `least`.

@@ -83,8 +83,10 @@ impl GpuSolver for GpuAms {
             (terms.sag_free, flags::SAG_FREE),
             (terms.non_hookean.is_some(), flags::NON_HOOKEAN),
             (terms.slender, flags::SLENDER),
+            (uniform.k_integrity > 0.0, flags::INTEGRITY),
+            (uniform.k_altitude > 0.0, flags::ALTITUDE),
         ];
-        uniform.flags |= on.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum::<u32>();
+        *uniform = uniform.with_flags(&on);
     }
 
     fn solve<'a>(&'a self, list: &mut DispatchList<'a>, batch: &SolveBatch<'a>, substep: u32) {

@@ -149,9 +149,7 @@ impl GpuSolver for GpuDftl {
         [uniform.shape_global, uniform.shape_local] = terms.shape.map(|x| x as f32);
         [uniform.tip_global, uniform.tip_local] = terms.tip_scales.map(|x| x as f32);
         uniform.recheck = terms.recheck;
-        if terms.sag_free {
-            uniform.flags |= flags::SAG_FREE;
-        }
+        *uniform = uniform.with_flags(&[(terms.sag_free, flags::SAG_FREE)]);
     }
 
     fn solve<'a>(&'a self, list: &mut DispatchList<'a>, batch: &SolveBatch<'a>, _: u32) {

@@ -91,9 +91,7 @@ impl GpuSolver for GpuXpbd {
         uniform.rotation_weight = terms.rotation_weight as f32;
         uniform.keep = terms.keep as f32;
         uniform.iterations = terms.iterations;
-        if terms.bend_twist.is_finite() {
-            uniform.flags |= flags::BENDS;
-        }
+        *uniform = uniform.with_flags(&[(terms.bend_twist.is_finite(), flags::BENDS)]);
     }
 
     fn solve<'a>(&'a self, list: &mut DispatchList<'a>, batch: &SolveBatch<'a>, substep: u32) {

@@ -26,7 +26,8 @@ struct Frame {
     healing: f32,
     healing_limit: f32,
     clamped: u32,
-    flags: u32,
+    // The same bits twice: see `has`.
+    flags: vec2u,
     // The clearance before the first query; a device may not support infinity.
     unknown: f32,
     // Drag along a strand over that across it; growth of the drag rate with speed, times h, in 1/m.
@@ -288,8 +289,11 @@ fn set_scratch_number(at: u32, x: f32) {
     scratch[at] = bitcast<u32>(x);
 }
 
+// Whether the frame has a flag. The index is not constant: where a condition depends on nothing but
+// uniforms at constant places, the software driver of Mesa 22 may translate the kernel anew in each
+// dispatch, and keep it, which took 7 MB a frame.
 fn has(flag: u32) -> bool {
-    return (frame.flags & flag) != 0u;
+    return (frame.flags[frame.clamped & 1u] & flag) != 0u;
 }
 
 // Whether a number is finite, by its bits: compilers may assume that floats are finite.

@@ -132,7 +132,7 @@ fn tie_to_ghost(
     let mass = mass_at(strand, i);
     (*window).d0.d += mass + drag.w;
     (*window).b0 += mass * (v + frame.h * frame.gravity) + drag.w * drag.xyz;
-    if frame.k_integrity > 0.0 {
+    if has(INTEGRITY) {
         var intact = inputs.intact;
         if has(NON_HOOKEAN) {
             intact = damaged(intact, x - ghost.y, strand_length(strand));
@@ -444,7 +444,7 @@ fn solve_strands(@builtin(global_invocation_id) id: vec3u) {
         if i + 3u < n && i + 3u >= clamped {
             add_spring(&window, 3u, is_free, ghost.w, spring(kappas.z, own.x - x0, own.lengths.z));
         }
-        if frame.k_altitude > 0.0 && i + 3u < n {
+        if has(ALTITUDE) && i + 3u < n {
             add_altitude(strand, i, frame.k_altitude * scales.x, &window);
         }
         if is_free {
