@@ -143,7 +143,8 @@ impl GpuSimulation {
             interaction.add_report(next(), &own, &mut report);
         }
         if self.sleep.report_buffer().is_some() {
-            self.sleep.report(&self.gpu, next(), self.options.sleep_speed);
+            let settle_secs = self.interactions.iter().map(|own| own.settle_secs()).fold(0.0, f64::max);
+            self.sleep.report(&self.gpu, next(), [self.options.sleep_speed, settle_secs]);
         }
         report.sleeping_strands = self.sleeping_strands() as u32;
         let timed = self.clock.as_ref().filter(|clock| clock.resolved().is_some());

@@ -4,9 +4,10 @@
 //! While the surroundings are still, each frame records the positions at its start, slows strands
 //! down by friction, and measures the largest speed of a strand over the frame. A report, which
 //! reads back anyway, brings that to the host, which counts the time for which no strand has moved.
-//! Once that is [`SLEEP_SECS`], frames record nothing until something wakes the hair: the causes
-//! are those of the CPU, with one box around all hair. A simulation whose reports are never asked
-//! for ([`GpuSimulation::report`](crate::GpuSimulation::report)) does not sleep.
+//! Once that is [`SLEEP_SECS`], and the surroundings have been still for as long as interactions
+//! ask, frames record nothing until something wakes the hair: the causes are those of the CPU, with
+//! one box around all hair. A simulation whose reports are never asked for
+//! ([`GpuSimulation::report`](crate::GpuSimulation::report)) does not sleep.
 //!
 //! # Limitations
 //! One strand that moves keeps all awake. Frames that are run in parts do not sleep.
@@ -245,16 +246,19 @@ impl DeviceSleep {
         (self.pending_secs > 0.0).then_some(&own.motion)
     }
 
-    /// Counts the frames whose largest squared speed, `motion`, was read back.
-    pub fn report(&mut self, gpu: &Gpu, motion: &[u8], speed: f64) {
+    /// Counts the frames whose largest squared speed, `motion`, was read back. At a sleep speed of
+    /// `speed`, m/s, all strands fall asleep after a second of rest, but not before the
+    /// surroundings have been still for `settle_secs`.
+    pub fn report(&mut self, gpu: &Gpu, motion: &[u8], [speed, settle_secs]: [f64; 2]) {
         let Some(own) = &self.buffers else { return };
         gpu.queue().write_buffer(&own.motion, 0, &[0; 4]);
         let fastest_squared: f32 = bytemuck::pod_read_unaligned(motion);
         let secs = self.still_secs + std::mem::take(&mut self.pending_secs) as f32;
+        let secs = secs.min(SLEEP_SECS as f32);
         let is_still = f64::from(fastest_squared) <= speed * speed;
         self.still_secs = match is_still {
             false => 0.0,
-            true if secs >= SLEEP_SECS as f32 => f32::INFINITY,
+            true if secs >= SLEEP_SECS as f32 && self.calm_secs >= settle_secs => f32::INFINITY,
             true => secs,
         };
     }

@@ -101,6 +101,12 @@ pub trait Interaction<T>: Debug + Send + Sync {
         None
     }
 
+    /// Seconds of still surroundings before which no strand falls asleep, since what the
+    /// interaction does to strands at rest still changes.
+    fn settle_secs(&self) -> f64 {
+        0.0
+    }
+
     /// Is built again for a model that has changed.
     fn rebuild(&mut self, model: &Model<T>, simd: Simd);
 

@@ -18,10 +18,11 @@
 //! # Practice
 //! Blocks that sleep take no part in the steps of strands. If all do, the frame ends at once.
 //! Without interactions each block falls asleep by itself. With interactions all strands fall
-//! asleep together, since each may lean on others; if only some of them are woken, the others take
-//! part in interactions as obstacles: what an interaction does to them is undone unless it wakes
-//! them. Rest is not measured, and strands are awake, in frames that are run in parts
-//! ([`Simulation::step_part`]).
+//! asleep together, since each may lean on others, once the surroundings have been still for
+//! [`Interaction::settle_secs`](crate::frame::Interaction::settle_secs) too. If only some of them
+//! are woken, the others take part in interactions as obstacles: what an interaction does to them
+//! is undone unless it wakes them. Rest is not measured, and strands are awake, in frames that are
+//! run in parts ([`Simulation::step_part`]).
 //!
 //! # Limitations
 //! A strand that moves, however little of it, keeps the fifteen others of its block awake, and with
@@ -170,8 +171,11 @@ impl<T: SimulationReal> Simulation<T> {
         let rests = |state: &State<T>, number: usize, block: &Block| {
             state.sleep.still_secs[number].0[..block.live].iter().all(|secs| *secs >= longest)
         };
-        if !interactions.is_empty() && !each().all(|(number, block)| rests(state, number, block)) {
-            return;
+        if !interactions.is_empty() {
+            let has_settled = interactions.iter().all(|own| state.sleep.calm_secs >= own.settle_secs());
+            if !(has_settled && each().all(|(number, block)| rests(state, number, block))) {
+                return;
+            }
         }
         for (number, block) in each() {
             if rests(state, number, block) && !state.sleep.is_asleep(number) {

@@ -3,9 +3,10 @@
 //! # Theory
 //! A strand is still in a frame if none of its particles moves, relative to the head, by more than
 //! the sleep speed times the frame's length. This is measured only while the head and gravity are
-//! those of [`SleepPlace`]. A strand that is still for [`SLEEP_SECS`] sleeps: it is not simulated
-//! until something wakes it. Once the surroundings have been still for some seconds, friction
-//! brings the others to rest: see `Stillness`.
+//! those of [`SleepPlace`]. A strand that is still for [`SLEEP_SECS`] sleeps, with contacts not
+//! before their friction has faded: it is not simulated until something wakes it. Once the
+//! surroundings have been still for some seconds, friction brings the others to rest: see
+//! `Stillness`.
 //!
 //! # Practice
 //! The sixteen strands of a block sleep together, because they are simulated together: a block

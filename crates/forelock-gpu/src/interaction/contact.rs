@@ -74,6 +74,7 @@ const CONSTANTS: &[Constant] = &[
     Constant::f32("HALF_PIECE", HALF_PIECE),
     Constant::f32("REACH_ACTIVE", find_contacts::REACH[0]),
     Constant::f32("REACH_OTHER", find_contacts::REACH[1]),
+    Constant::f32("FRICTION_SPACING", hold_hair::SPACING),
     Constant::f32("SQUARE_UNIT", (1u32 << 16) as f32),
 ];
 
@@ -85,7 +86,6 @@ const STRAND_CONSTANTS: &[Constant] = &[
 
 const PAIR_CONSTANTS: &[Constant] = &[
     Constant::u32("MEAN_MOTION_NODES", mean_motion::NODES as u32),
-    Constant::f32("FRICTION_SPACING", mean_motion::SPACING),
     Constant::u32("SLICES", SLICES),
     Constant::u32("FOLLOW_STEPS", find_contacts::STEPS as u32),
     Constant::u32("PAIR_GROUPS", PAIR_GROUPS),
@@ -156,6 +156,8 @@ shader! {
         SPLAT_MEAN_MOTION: "splat_mean_motion", Threads::Strands;
         /// Measures how far each particle moves relative to the mean motion.
         MEASURE_RESIDUAL_MOTION: "measure_residual_motion", Threads::Strands;
+        /// Sums at the nodes what friction averages.
+        SUM_MOTION: "sum_motion", Threads::Strands;
         /// Sums what friction changes at the nodes.
         SUM_CHANGES: "sum_changes", Threads::Strands;
         /// Writes the changes of each particle, the mean of which is zero.
@@ -187,6 +189,8 @@ shader! {
         CLEAR_MEAN_MOTION: "clear_mean_motion", Threads::LIST;
         /// Turns sums into means over neighbouring nodes.
         SMOOTH_MEAN_MOTION: "smooth_mean_motion", Threads::LIST;
+        /// Turns sums into means at each node.
+        AVERAGE_NODES: "average_nodes", Threads::LIST;
         /// Selects active segments and the number of slices.
         SELECT_ACTIVE: "select_active", Threads::ONCE;
         /// Clears the cells.
@@ -449,16 +453,6 @@ impl DeviceContacts {
     }
 }
 
-impl DeviceContacts {
-    /// Appends the dispatches that make the field of the mean motion, on nodes that are fitted.
-    fn splat_mean_motion<'a>(&'a self, list: &mut DispatchList<'a>, span: &[u32]) {
-        let ContactGroups { insert, pairs, .. } = &self.groups;
-        list.run(pairs, &CLEAR_MEAN_MOTION, span);
-        list.run(insert, &SPLAT_MEAN_MOTION, span);
-        list.run(pairs, &SMOOTH_MEAN_MOTION, span);
-    }
-}
-
 impl GpuInteraction for DeviceContacts {
     fn exchange_plan(&self) -> Exchange {
         contact::EXCHANGE
@@ -530,7 +524,9 @@ impl GpuInteraction for DeviceContacts {
         let ContactGroups { insert, pairs, moves } = &self.groups;
         list.run(insert, &RECORD_END, span);
         list.run(pairs, &FIT_MEAN_MOTION, span);
-        self.splat_mean_motion(list, span);
+        list.run(pairs, &CLEAR_MEAN_MOTION, span);
+        list.run(insert, &SPLAT_MEAN_MOTION, span);
+        list.run(pairs, &SMOOTH_MEAN_MOTION, span);
         list.run(insert, &MEASURE_RESIDUAL_MOTION, span);
         list.run(pairs, &SELECT_ACTIVE, span);
         list.run(insert, &LIST_ACTIVE, span);
@@ -562,11 +558,16 @@ impl GpuInteraction for DeviceContacts {
     }
 
     fn exchange_early<'a>(&'a self, list: &mut DispatchList<'a>, span: Span) {
+        if self.host.hold == 0.0 {
+            return;
+        }
         let span = &[span.number];
         let ContactGroups { insert, pairs, moves } = &self.groups;
         list.run(insert, &RECORD_END, span);
         list.run(pairs, &FIT_FRICTION, span);
-        self.splat_mean_motion(list, span);
+        list.run(pairs, &CLEAR_MEAN_MOTION, span);
+        list.run(insert, &SUM_MOTION, span);
+        list.run(pairs, &AVERAGE_NODES, span);
         list.run(pairs, &CLEAR_MEAN_MOTION, span);
         list.run(insert, &SUM_CHANGES, span);
         list.run(insert, &BALANCE_CHANGES, span);
@@ -579,7 +580,12 @@ impl GpuInteraction for DeviceContacts {
 
     fn add_report(&self, bytes: &[u8], shared: &ReportEntry, report: &mut GpuReport) {
         let touch: TouchEntry = bytemuck::pod_read_unaligned(&bytes[..size_of::<TouchEntry>()]);
-        report.strand_contacts = Some(touch.report(shared.contacts));
+        let (contacts, farthest_m) = (shared.contacts as usize, f32::from_bits(touch.farthest).into());
+        report.strand_contacts = Some(ContactReport { contacts, farthest_m, ..ContactReport::default() });
+    }
+
+    fn settle_secs(&self) -> f64 {
+        self.params.settle_secs()
     }
 
     fn rebuild(&self, gpu: &Gpu, strands: DeviceStrands<'_>) -> Result<Box<dyn GpuInteraction>, GpuError> {
@@ -588,13 +594,5 @@ impl GpuInteraction for DeviceContacts {
 
     fn bytes(&self) -> u64 {
         self.bytes
-    }
-}
-
-impl TouchEntry {
-    /// The report of a frame in which `contacts` contacts were resolved.
-    fn report(&self, contacts: u32) -> ContactReport {
-        let farthest_m = f32::from_bits(self.farthest).into();
-        ContactReport { contacts: contacts as usize, farthest_m, ..ContactReport::default() }
     }
 }

@@ -81,6 +81,11 @@ pub(crate) trait GpuInteraction: Debug + Send + Sync {
         let _ = (bytes, shared, report);
     }
 
+    /// Seconds of still surroundings before which no strand falls asleep.
+    fn settle_secs(&self) -> f64 {
+        0.0
+    }
+
     /// The same interaction for other strands.
     fn rebuild(&self, gpu: &Gpu, strands: DeviceStrands<'_>) -> Result<Box<dyn GpuInteraction>, GpuError>;
 

@@ -178,6 +178,13 @@ fn wide(at: u32) -> f32 {
     return select(sum, -sum, negative);
 }
 
+// The mean displacement of what was summed at a node.
+fn mean_of_sums(node: u32) -> vec3f {
+    let at = 8u * node;
+    let sum = vec3f(wide(at), wide(at + 2u), wide(at + 4u));
+    return sum * (side_of_box() / max(wide(at + 6u), 1.0));
+}
+
 fn bin_of(x: f32) -> u32 {
     return bitcast<u32>(x) >> BIN_BITS;
 }

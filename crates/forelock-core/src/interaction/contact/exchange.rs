@@ -111,6 +111,10 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
         }
     }
 
+    fn settle_secs(&self) -> f64 {
+        self.contacts.params().settle_secs()
+    }
+
     fn rebuild(&mut self, model: &Model<T>, simd: Simd) {
         self.contacts = Contacts::new(model, self.contacts.params(), simd);
     }

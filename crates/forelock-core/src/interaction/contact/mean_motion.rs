@@ -134,7 +134,7 @@ impl MeanMotion {
     }
 
     /// Measures the field.
-    pub fn measure_field<T: Real>(&mut self, model: &Model<T>, displacements: &Displacements) {
+    fn measure_field<T: Real>(&mut self, model: &Model<T>, displacements: &Displacements) {
         self.fit(displacements);
         let count = self.count();
         let per_part = model.places().div_ceil(PARTS).max(1);
@@ -172,7 +172,7 @@ impl MeanMotion {
     }
 
     /// Fits the box to the start and end positions of all particles, and the nodes to the box.
-    fn fit(&mut self, displacements: &Displacements) {
+    pub(super) fn fit(&mut self, displacements: &Displacements) {
         self.extent = displacements.extent();
         let side = (self.extent[1] - self.extent[0]).max_element();
         self.inverse = 1.0 / self.least_spacing.max(side / (NODES - 2) as f32);

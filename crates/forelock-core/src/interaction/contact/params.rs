@@ -64,6 +64,11 @@ impl ContactParams {
         ((self.slip * dt_secs) as f32).max(SLOP * self.distance as f32)
     }
 
+    /// Seconds within which friction fades in still surroundings; 0 without friction.
+    pub fn settle_secs(&self) -> f64 {
+        if self.hold > 0.0 { CREEP_SECS } else { 0.0 }
+    }
+
     /// Acceleration up to which friction holds hair whose surroundings have been still for
     /// `calm_secs`, m/s².
     pub fn hold_after(&self, calm_secs: f64) -> f64 {

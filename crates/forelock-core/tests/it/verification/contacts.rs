@@ -80,8 +80,9 @@ fn throw(solver: &Solver<f32>, speed: f64, contacts: Option<&ContactParams>) -> 
 fn wisps_thrown_at_each_other_do_not_pass_through() {
     let most = |course: &[(usize, f64)]| course.iter().map(|c| c.1).fold(0.0, f64::max);
     let usual = ContactParams::default();
-    // Room for all 20,736 pairs that cross.
-    let roomy = ContactParams { budget: 65_536, ..ContactParams::default() };
+    // Room for all 20,736 pairs that cross, and for those that others push through each other.
+    let roomy = ContactParams { budget: 65_536, slip: 0.0, ..ContactParams::default() };
+    let slipping = ContactParams { slip: usual.slip, ..roomy.clone() };
     let ams = Solver::from(&AmsParams::default());
     let rods = Solver::from(&XpbdParams::default());
     let published =
@@ -92,15 +93,19 @@ fn wisps_thrown_at_each_other_do_not_pass_through() {
         (&ams, &roomy, [1e-4; 2]),
         (&rods, &roomy, [1e-4; 2]),
         (&published, &roomy, [1e-4; 2]),
+        (&ams, &slipping, [3e-3; 2]),
+        (&rods, &slipping, [3e-3; 2]),
+        (&published, &slipping, [3e-3; 2]),
     ] {
         for (speed, bound) in [SPEED, 2.5 * SPEED].into_iter().zip(bounds) {
             let (without, _) = throw(solver, speed, None);
             let (with, met) = throw(solver, speed, Some(contacts));
             println!(
-                "{}, {} m/s, budget {}: segment pairs that changed sides, at most: {:.3} % with contacts ({met} of them), {:.1} % without",
+                "{}, {} m/s, budget {}, slip {}: segment pairs that changed sides, at most: {:.3} % with contacts ({met} of them), {:.1} % without",
                 solver.name(),
                 2.0 * speed,
                 contacts.budget,
+                contacts.slip,
                 100.0 * most(&with),
                 100.0 * most(&without)
             );
@@ -252,6 +257,36 @@ fn friction_holds_slow_hair_and_keeps_momentum() {
             assert!(after < 0.1 * before, "{after}");
         } else {
             assert!(after < before && before - after < limit, "{before} {after}");
+        }
+    }
+}
+
+/// Friction never enlarges the sum of the squared velocities, however many strands there are and
+/// whatever share of them it holds: a motion that it enlarged would grow from rounding.
+#[test]
+fn friction_enlarges_no_motion() {
+    let params = ContactParams::default();
+    let limit = params.hold * DT;
+    for count in [12, 48, 300, 1000] {
+        for speed in [0.1 * limit, limit, 5.0 * limit] {
+            let mut random = Random(13);
+            let mut free = Free::new(&tuft(count, 12), &params);
+            free.each(|_, _, v| *v = (speed * random.vector()).as_vec3().to_array());
+            let squares = |free: &mut Free| {
+                let mut sum = 0.0;
+                free.each(|_, _, v| sum += vector(*v).length_squared());
+                sum
+            };
+            let first = squares(&mut free);
+            let mut last = first;
+            for frame in 0..60 {
+                free.hold();
+                let now = squares(&mut free);
+                assert!(now < last * (1.0 + 1e-6), "{count}, {speed}: frame {frame}: {last} to {now}");
+                last = now;
+            }
+            println!("{count} strands, {speed:.3} m/s: {:.3} of the squares are left", last / first);
+            assert!(last < 0.5 * first, "{count}, {speed}: nothing is held");
         }
     }
 }

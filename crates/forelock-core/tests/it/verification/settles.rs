@@ -104,13 +104,13 @@ fn places(simulation: &Simulation) -> Vec<DVec3> {
         .collect()
 }
 
-/// Little moves, and little at a time, where friction holds; without friction a tenth of the hair
-/// slips and sticks by millimetres.
+/// Nothing moves any more where friction holds, though some pairs still press on each other;
+/// without friction a tenth of the hair slips and sticks by millimetres.
 #[test]
 fn hair_with_contacts_comes_to_rest() {
     let course = settle(150, 20, &ContactParams::default());
     let last = &course[19];
-    assert!(course[1].contacts > 1000 && last.farthest < 5.0 * MOVING && last.contacts == 0, "{last:?}");
+    assert!(course[1].contacts > 1000 && last.farthest < 0.1 * MOVING, "{last:?}");
     let course = settle(150, 20, &ContactParams { hold: 0.0, slip: 0.01, ..ContactParams::default() });
     let last = &course[19];
     assert!(last.farthest > 20.0 * MOVING, "{last:?}");

@@ -65,6 +65,13 @@ fn clear_mean_motion(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
+fn set_node(node: u32, mean: vec3f) {
+    let at = contacts.bodies + 4u * node;
+    for (var c = 0u; c < 3u; c++) {
+        set_real(at + c, mean[c]);
+    }
+}
+
 // Turns sums into means over each node and its neighbours.
 @compute @workgroup_size(CELLS_GROUP)
 fn smooth_mean_motion(@builtin(global_invocation_id) id: vec3u) {
@@ -82,11 +89,15 @@ fn smooth_mean_motion(@builtin(global_invocation_id) id: vec3u) {
                 }
             }
         }
-        let mean = sum.xyz * (side / max(sum.w, 1.0));
-        let to = contacts.bodies + 4u * at;
-        for (var c = 0u; c < 3u; c++) {
-            set_real(to + c, mean[c]);
-        }
+        set_node(at, sum.xyz * (side / max(sum.w, 1.0)));
+    }
+}
+
+// Turns sums into means at each node alone.
+@compute @workgroup_size(CELLS_GROUP)
+fn average_nodes(@builtin(global_invocation_id) id: vec3u) {
+    for (var at = id.x; at < node_count(); at += LIST_THREADS) {
+        set_node(at, mean_of_sums(at));
     }
 }
 

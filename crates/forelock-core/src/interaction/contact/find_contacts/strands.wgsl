@@ -72,15 +72,19 @@ fn node_of(first: u32, corner: u32) -> u32 {
     return first + corner_offset(touch.dims.x, touch.dims.x * touch.dims.y, corner);
 }
 
-// A displacement relative to the mean motion.
-fn residual_displacement(start: vec3f, end: vec3f) -> vec3f {
-    let own = corner_at(0.5 * (start + end));
-    var residual = end - start;
+fn mean_motion_at(at: vec3f) -> vec3f {
+    let own = corner_at(at);
+    var mean = vec3f();
     for (var corner = 0u; corner < 8u; corner++) {
         let node = contacts.bodies + 4u * node_of(own.first, corner);
-        residual -= corner_weight(own.f, corner) * vec3f(real(node), real(node + 1u), real(node + 2u));
+        mean += corner_weight(own.f, corner) * vec3f(real(node), real(node + 1u), real(node + 2u));
     }
-    return residual;
+    return mean;
+}
+
+// A displacement relative to the mean motion.
+fn residual_displacement(start: vec3f, end: vec3f) -> vec3f {
+    return end - start - mean_motion_at(0.5 * (start + end));
 }
 
 // Adds to four 64-bit sums, which begin at `at`: lower halves first, with the carries to the upper
