@@ -290,8 +290,8 @@ fn set_scratch_number(at: u32, x: f32) {
 }
 
 // Whether the frame has a flag. The index is not constant: where a condition depends on nothing but
-// uniforms at constant places, the software driver of Mesa 22 may translate the kernel anew in each
-// dispatch, and keep it, which took 7 MB a frame.
+// uniforms at constant places, the software driver of Mesa 22 may compile the kernel anew in each
+// dispatch and keep every copy: memory grew by 7 MB a frame.
 fn has(flag: u32) -> bool {
     return (frame.flags[frame.clamped & 1u] & flag) != 0u;
 }
