@@ -7,12 +7,12 @@
 //!
 //! `cargo run --release -p forelock-core --example volume -- [turn|shake|sag|settle|...] [secs]
 //! [none|grid|contacts|all] [key=value ...]` with the keys resolution, pic_rate, rest_density,
-//! volume_rate, strands, preset, amplitude (of the motion; at 1 the shake has 4 g) and every
-//! (frames to a line). `sag` is hair without ties that falls from its rest shape; `settle` is a
-//! head that is shaken, comes to rest within 2 s and is then held still; strands sleep there, so
-//! the mean time of a frame includes frames without work. At its end the strands of which a
-//! particle is more than 1 cm from its rest place are counted, and the volume is printed as it is
-//! with these strands at their rest places.
+//! volume_rate, hold, friction (of contacts), strands, preset, amplitude (of the motion; at 1 the
+//! shake has 4 g) and every (frames to a line). `sag` is hair without ties that falls from its rest
+//! shape; `settle` is a head that is shaken, comes to rest within 2 s and is then held still;
+//! strands sleep there, so the mean time of a frame includes frames without work. At its end the
+//! strands of which a particle is more than 1 cm from its rest place are counted, and the volume is
+//! printed as it is with these strands at their rest places.
 
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
@@ -64,6 +64,7 @@ fn main() -> Result<(), Failure> {
     let secs: f64 = plain.get(1).map_or(Ok(2.0), |a| a.parse())?;
     let which = plain.get(2).map_or("all", |a| a.as_str());
     let mut grid = GridParams::default();
+    let mut contacts = ContactParams::default();
     let mut every = 20;
     let (mut strands, mut preset, mut amplitude) = (10_298, "straight".to_owned(), 1.0);
     for setting in settings {
@@ -73,6 +74,8 @@ fn main() -> Result<(), Failure> {
             "pic_rate" => grid.pic_rate = value.parse()?,
             "rest_density" => grid.rest_density = value.parse()?,
             "volume_rate" => grid.volume_rate = value.parse()?,
+            "hold" => contacts.hold = value.parse()?,
+            "friction" => contacts.friction = value.parse()?,
             "every" => every = value.parse()?,
             "strands" => strands = value.parse()?,
             "preset" => preset = value.to_owned(),
@@ -104,7 +107,7 @@ fn main() -> Result<(), Failure> {
     for (index, choice) in choices.into_iter().enumerate().filter(|(_, c)| which == "all" || which == *c) {
         let mut simulation = Simulation::new(&groom, Solver::from(&params), &options)?;
         simulation.set_grid((index > 0).then_some(&grid))?;
-        simulation.set_contacts((index > 1).then(ContactParams::default).as_ref())?;
+        simulation.set_contacts((index > 1).then_some(&contacts))?;
         let mut positions = Vec::new();
         let mut on_head = |simulation: &Simulation, pose: &Pose| -> Vec<Vec3> {
             simulation.positions(&mut positions);

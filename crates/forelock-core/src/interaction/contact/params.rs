@@ -23,7 +23,7 @@ pub struct ContactParams {
     pub slip: f64,
     /// Acceleration up to which friction holds hair that moves relative to its neighbours; 0 is no
     /// such friction. It fades within three seconds while head, air and colliders are still, unless
-    /// sleep is off. Unit m/s², default 1.2, range 0 to 10000.
+    /// sleep is off. Unit m/s², default 2, range 0 to 10000.
     pub hold: f64,
     /// Maximum number of contacts in a frame; those of the fastest approach are kept. Contacts are
     /// searched for a quarter of this number of particles, those of the largest motion relative to
@@ -47,7 +47,7 @@ impl Default for ContactParams {
         Self {
             distance: 5e-4,
             slip: 0.02,
-            hold: 1.2,
+            hold: 2.0,
             budget: 16_384,
             friction: 0.3,
             spread: 0.05,

@@ -347,7 +347,9 @@ fn hair_that_moves_with_the_head_is_untouched() {
 fn hair_goes_back_to_its_rest_shape() {
     let strands = tuft(300, 12);
     let mut rig = Rig::<f32>::new(&strands, &AmsParams::default(), Simd::Auto);
-    rig.simulation.set_contacts(Some(&ContactParams { distance: 3e-3, ..ContactParams::default() })).unwrap();
+    rig.simulation
+        .set_contacts(Some(&ContactParams { distance: 3e-3, hold: 0.0, ..ContactParams::default() }))
+        .unwrap();
     let rest = rig.positions();
     let mut met = 0;
     for frame in 1..=60 {

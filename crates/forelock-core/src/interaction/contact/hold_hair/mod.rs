@@ -30,7 +30,7 @@
 //!
 //! The stage comes before the length pass, which restores the edges that it stretched.
 //!
-//! Friction holds a strand at up to d = a/ω² from where its ties draw it, 12 mm by default (ω = 10
+//! Friction holds a strand at up to d = a/ω² from where its ties draw it, 20 mm by default (ω = 10
 //! s⁻¹). Hair that was shaken would stay that far from its shape. So where strands sleep, a fades
 //! within [`CREEP_SECS`](super::CREEP_SECS) while head, gravity, air and colliders are still
 //! ([`ContactParams::hold_after`](super::ContactParams::hold_after)), and no strand sleeps before:
