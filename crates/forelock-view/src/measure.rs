@@ -251,7 +251,7 @@ mod tests {
     #[test]
     fn what_a_moment_does_not_tell_is_not_shown() -> Result<(), Box<dyn std::error::Error>> {
         let weak = ["solver.ams.non_hookean=true", "solver.ams.elastic_limit=0"];
-        let sets = [&weak[..], &["groom.strands=40", "body.sdf_cells=32"]].concat();
+        let sets = [&weak[..], &["groom.strands=400", "body.sdf_cells=32"]].concat();
         let sets = sets.into_iter().map(Override::set).collect::<Result<Vec<_>, _>>()?;
         let mut player = Player::builder(Scene::builtin(&sets)?).backend(Backend::Cpu).build()?;
         (0..30).try_for_each(|_| player.step().map(drop))?;
