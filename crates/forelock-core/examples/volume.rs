@@ -7,7 +7,7 @@
 //!
 //! `cargo run --release -p forelock-core --example volume -- [turn|shake|sag|settle|...] [secs]
 //! [none|grid|contacts|all] [key=value ...]` with the keys resolution, pic_rate, rest_density,
-//! volume_rate, hold, friction (of contacts), strands, preset, amplitude (of the motion; at 1 the
+//! volume_rate, hold (of contacts), strands, preset, amplitude (of the motion; at 1 the
 //! shake has 4 g) and every (frames to a line). `sag` is hair without ties that falls from its rest
 //! shape; `settle` is a head that is shaken, comes to rest within 2 s and is then held still;
 //! strands sleep there, so the mean time of a frame includes frames without work. At its end the
@@ -75,7 +75,6 @@ fn main() -> Result<(), Failure> {
             "rest_density" => grid.rest_density = value.parse()?,
             "volume_rate" => grid.volume_rate = value.parse()?,
             "hold" => contacts.hold = value.parse()?,
-            "friction" => contacts.friction = value.parse()?,
             "every" => every = value.parse()?,
             "strands" => strands = value.parse()?,
             "preset" => preset = value.to_owned(),

@@ -342,7 +342,8 @@ fn hair_that_moves_with_the_head_is_untouched() {
 }
 
 /// Strands that are nearer than the contact distance at rest do not prevent each other from
-/// returning to rest.
+/// returning to rest. Friction between neighbours is off: without sleep it does not fade, and by
+/// itself it holds hair millimetres from its shape.
 #[test]
 fn hair_goes_back_to_its_rest_shape() {
     let strands = tuft(300, 12);
