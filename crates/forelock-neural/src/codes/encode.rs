@@ -1,7 +1,9 @@
 //! The encoder of strand codes without its decoder.
 
 use super::encoder::{INPUTS, Layer};
-use crate::network::product::{Factors, PACKET, Start, by_strand, product, to_rows, zero_rows};
+use crate::network::product::{
+    Factors, PACKET, Start, by_strand, product, tile_by_tile, to_panels, zero_panels,
+};
 use forelock_core::lane::Simd;
 use rayon::prelude::*;
 
@@ -45,19 +47,21 @@ pub(super) fn run_layers(layers: &[Layer], items: &[f32], simd: Simd) -> Vec<f32
         return items.to_vec();
     };
     let (inputs, outputs) = (first.weights.len() / first.bias.len(), last.bias.len());
+    let tiles: Vec<Vec<f32>> =
+        layers.iter().map(|layer| tile_by_tile(&layer.weights, layer.bias.len())).collect();
     let packet = |items: &[f32]| {
-        let mut rows = zero_rows(inputs);
-        to_rows(items.chunks_exact(inputs), &mut rows);
-        for (number, layer) in layers.iter().enumerate() {
+        let mut panels = zero_panels(inputs);
+        to_panels(items.chunks_exact(inputs), &mut panels);
+        for (number, (layer, tiles)) in layers.iter().zip(&tiles).enumerate() {
             let is_last = number + 1 == layers.len();
             let start = if is_last { Start::Bias(&layer.bias) } else { Start::BiasRelu(&layer.bias) };
-            let mut sums = zero_rows(layer.bias.len());
-            let factors = Factors { a: &layer.weights, columns: layer.bias.len(), b: &rows };
+            let mut sums = zero_panels(layer.bias.len());
+            let factors = Factors { a: tiles, columns: layer.bias.len(), b: &panels };
             product(simd, factors, start, &mut sums);
-            rows = sums;
+            panels = sums;
         }
         let mut found = vec![0.0; PACKET * outputs];
-        by_strand(&rows, &mut found);
+        by_strand(&panels, &mut found);
         found.truncate(items.len() / inputs * outputs);
         found
     };

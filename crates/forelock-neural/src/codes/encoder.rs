@@ -13,12 +13,14 @@ use super::Encoder;
 use super::encode::run_layers;
 use crate::PARTICLES;
 use crate::network::product::{
-    Factors, PACKET, Start, TILE_ROWS, by_strand, product, to_rows, transpose, zero_rows,
+    Factors, PACKET, Panels, Start, product, size_by_tiles, strands_by_tiles, tile_by_tile, to_panels,
+    transpose, units_in_lanes, zero_panels,
 };
 use crate::random::Random;
 use crate::train::adam::Adam;
-use crate::train::layers::{bias_gradient, mask_rows, weight_gradient};
-use forelock_core::lane::Simd;
+use crate::train::layers::{bias_gradient_of_panels, mask_rows, weight_gradient_of_panels};
+use bytemuck::Zeroable;
+use forelock_core::lane::{LANES, Row, Simd};
 use rayon::prelude::*;
 
 /// Numbers of a strand that are encoded.
@@ -71,6 +73,14 @@ fn has_relu(layer: usize) -> bool {
     layer != ENCODER - 1 && layer != LAYERS - 1
 }
 
+/// What a packet of 64 strands leaves for the gradients of all layers.
+struct Stored {
+    /// The inputs of each layer, `[64, inputs]`, tile by tile.
+    inputs: Vec<Vec<f32>>,
+    /// The gradient with respect to the sums of each layer: `[units / 16, 64]` rows of 16 units.
+    by_sums: Vec<Panels>,
+}
+
 impl StrandCodes {
     /// Trains codes for `strands`, inputs of the encoder. `done` is called after each step.
     ///
@@ -105,70 +115,72 @@ impl StrandCodes {
 
     /// The gradient of the mean squared error of a batch.
     fn gradient(&self, simd: Simd, batch: &[&[f32]]) -> Vec<Layer> {
-        let transposed: Vec<Vec<f32>> = self
+        let stored: Vec<[Vec<f32>; 2]> = self
             .layers
             .iter()
             .map(|layer| {
+                let columns = layer.bias.len();
                 let mut to = vec![0.0; layer.weights.len()];
-                transpose(&layer.weights, layer.bias.len(), &mut to);
-                to
+                transpose(&layer.weights, columns, &mut to);
+                [tile_by_tile(&layer.weights, columns), tile_by_tile(&to, to.len() / columns)]
             })
             .collect();
-        let packets: Vec<[Vec<Vec<f32>>; 2]> =
-            batch.par_chunks(PACKET).map(|strands| self.packet(simd, strands, &transposed)).collect();
-        let part = |of: usize, layer: usize| -> Vec<&[f32]> {
-            packets.iter().map(|packet| packet[of][layer].as_slice()).collect()
-        };
+        let packets: Vec<Stored> =
+            batch.par_chunks(PACKET).map(|strands| self.packet(simd, strands, &stored)).collect();
         (0..LAYERS)
             .map(|layer| {
                 let [m, n] = [SIZES[layer], SIZES[layer + 1]];
-                let (inputs, by_sums) = (part(0, layer), part(1, layer));
+                let inputs: Vec<&[f32]> = packets.iter().map(|own| own.inputs[layer].as_slice()).collect();
+                let by_sums: Vec<&[Row<f32>]> =
+                    packets.iter().map(|own| own.by_sums[layer].as_slice()).collect();
                 let mut by = Layer { weights: vec![0.0; m * n], bias: vec![0.0; n] };
-                weight_gradient(simd, [&inputs, &by_sums], [m, n], &mut by.weights);
-                bias_gradient(&by_sums, &mut by.bias);
+                weight_gradient_of_panels(simd, &inputs, &by_sums, [m, n], &mut by.weights);
+                bias_gradient_of_panels(&by_sums, &mut by.bias);
                 by
             })
             .collect()
     }
 
-    /// The inputs of each layer, and the gradient with respect to its sums: strand by strand.
-    fn packet(&self, simd: Simd, strands: &[&[f32]], transposed: &[Vec<f32>]) -> [Vec<Vec<f32>>; 2] {
-        let mut rows = vec![zero_rows(INPUTS)];
-        to_rows(strands.iter().copied(), &mut rows[0]);
+    /// The way of 64 strands through all layers and back; `stored` are the weights of each layer and
+    /// their transposes, tile by tile.
+    fn packet(&self, simd: Simd, strands: &[&[f32]], stored: &[[Vec<f32>; 2]]) -> Stored {
+        let mut rows = vec![zero_panels(INPUTS)];
+        to_panels(strands.iter().copied(), &mut rows[0]);
         for (number, layer) in self.layers.iter().enumerate() {
-            let mut c = zero_rows(layer.bias.len());
-            let factors = Factors { a: &layer.weights, columns: layer.bias.len(), b: &rows[number] };
+            let mut c = zero_panels(layer.bias.len());
+            let factors = Factors { a: &stored[number][0], columns: layer.bias.len(), b: &rows[number] };
             let start =
                 if has_relu(number) { Start::BiasRelu(&layer.bias) } else { Start::Bias(&layer.bias) };
             product(simd, factors, start, &mut c);
             rows.push(c);
         }
         let scale = 2.0 / (BATCH * INPUTS) as f32;
-        let mut by = zero_rows(INPUTS);
+        let mut by = zero_panels(INPUTS);
         for ((by, found), expected) in by.iter_mut().zip(&rows[LAYERS]).zip(&rows[0]) {
             by.0 = std::array::from_fn(|lane| scale * (found.0[lane] - expected.0[lane]));
         }
-        let strand_by_strand = |rows: &[_]| {
-            let mut to = vec![0.0; rows.len() / TILE_ROWS * PACKET];
-            by_strand(rows, &mut to);
+        let by_tiles = |(panels, units): (&Panels, &usize)| {
+            let mut to = vec![0.0; size_by_tiles(PACKET, *units)];
+            strands_by_tiles(panels, &mut to);
             to
         };
-        let inputs = rows[..LAYERS].iter().map(|rows| strand_by_strand(rows)).collect();
+        let inputs = rows[..LAYERS].iter().zip(&SIZES).map(by_tiles).collect();
         let mut by_sums = vec![Vec::new(); LAYERS];
         for number in (0..LAYERS).rev() {
             if has_relu(number) {
                 mask_rows(&rows[number + 1], &mut by);
             }
-            by_sums[number] = strand_by_strand(&by);
+            by_sums[number] = vec![Row::zeroed(); SIZES[number + 1].div_ceil(LANES) * PACKET];
+            units_in_lanes(&by, &mut by_sums[number]);
             if number == 0 {
                 break;
             }
-            let mut below = zero_rows(SIZES[number]);
-            let factors = Factors { a: &transposed[number], columns: SIZES[number], b: &by };
+            let mut below = zero_panels(SIZES[number]);
+            let factors = Factors { a: &stored[number][1], columns: SIZES[number], b: &by };
             product(simd, factors, Start::Zero, &mut below);
             by = below;
         }
-        [inputs, by_sums]
+        Stored { inputs, by_sums }
     }
 
     /// The encoder alone: what a model keeps.

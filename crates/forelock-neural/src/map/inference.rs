@@ -2,7 +2,7 @@
 
 use super::{DEPTH, MapNetwork, MapStrands, Pass, TEXELS, Weights};
 use crate::network::inference::{HeadRow, Positions, edges_at_rest, place};
-use crate::network::product::{PACKET, TILE_ROWS, to_rows, zero_rows};
+use crate::network::product::{PACKET, PANELS, to_panels, zero_panels};
 use crate::network::{LengthError, OUTPUTS, SHARED};
 use crate::{PARTICLES, network::head::OutputHead};
 use forelock_core::lane::{LANES, Row, Simd};
@@ -52,14 +52,15 @@ impl MapPredictor {
         let outputs = &levels[DEPTH - 1].outputs;
         let mut found = vec![[[0.0; 3]; PARTICLES]; TEXELS];
         let packets = found.par_chunks_mut(PACKET).zip(outputs.par_chunks(PACKET * OUTPUTS));
-        let rest = self.rest.par_chunks(TILE_ROWS * 3 * PARTICLES);
+        let rest = self.rest.par_chunks(PANELS * 3 * PARTICLES);
         packets.zip(rest).for_each_init(
-            || zero_rows(OUTPUTS),
-            |rows, ((out, outputs), rest)| {
-                to_rows(outputs.chunks_exact(OUTPUTS), rows);
+            || zero_panels(OUTPUTS),
+            |panels, ((out, outputs), rest)| {
+                to_panels(outputs.chunks_exact(OUTPUTS), panels);
+                let panels = panels.chunks_exact(OUTPUTS);
                 let rest = rest.chunks_exact(3 * PARTICLES);
-                for (row, (out, rest)) in out.chunks_mut(LANES).zip(rest).enumerate() {
-                    place(self.simd, &HeadRow { head: self.head, rest, outputs: rows, row }, out);
+                for (out, (rest, outputs)) in out.chunks_mut(LANES).zip(rest.zip(panels)) {
+                    place(self.simd, &HeadRow { head: self.head, rest, outputs }, out);
                 }
             },
         );

@@ -31,7 +31,9 @@ pub use strands::MapStrands;
 pub use train::MapTrainer;
 
 use crate::network::head::OutputHead;
-use crate::network::product::{Factors, PACKET, Start, by_strand, product, to_rows, zero_rows};
+use crate::network::product::{
+    Factors, PACKET, Start, by_strand, product, tile_by_tile, to_panels, zero_panels,
+};
 use crate::network::rotation::{Basis, fold};
 use crate::network::{LengthError, OUTPUTS, SHARED, STATICS};
 use forelock_core::lane::Simd;
@@ -125,6 +127,8 @@ impl MapNetwork {
 #[derive(Clone, Debug)]
 struct Weights {
     parameters: Vec<f32>,
+    /// Those of each layer, tile by tile.
+    tiles: [Vec<f32>; DEPTH],
 }
 
 impl Weights {
@@ -135,7 +139,11 @@ impl Weights {
                 parameters[range].chunks_exact_mut(OUTPUTS).for_each(|row| fold(row, &network.basis));
             }
         }
-        Self { parameters }
+        let tiles = std::array::from_fn(|number| {
+            let [weights, _] = ranges(number);
+            tile_by_tile(&parameters[weights], LAYERS[number].outputs)
+        });
+        Self { parameters, tiles }
     }
 
     /// The weights and the bias of layer `number`.
@@ -155,16 +163,22 @@ struct Level {
     outputs: Vec<f32>,
 }
 
-/// Aᵀ of each of `items` (`[inputs]` each), with what `start` says: `[items, columns]`.
-fn apply(simd: Simd, weights: &[f32], start: Start<'_>, items: &[f32], inputs: usize) -> Vec<f32> {
-    let columns = weights.len() / inputs;
+/// Aᵀ of each of `items` (`[inputs]` each), with what `start` says: `[items, columns]`. A is
+/// `[inputs, columns]`, stored tile by tile.
+fn apply(
+    simd: Simd,
+    tiles: &[f32],
+    [inputs, columns]: [usize; 2],
+    start: Start<'_>,
+    items: &[f32],
+) -> Vec<f32> {
     let mut out = vec![0.0; items.len() / inputs * columns];
     let packets = out.par_chunks_mut(PACKET * columns).zip(items.par_chunks(PACKET * inputs));
     packets.for_each_init(
-        || (zero_rows(inputs), zero_rows(columns), vec![0.0; PACKET * columns]),
-        |(rows, sums, found), (out, items)| {
-            to_rows(items.chunks_exact(inputs), rows);
-            product(simd, Factors { a: weights, columns, b: rows }, start, sums);
+        || (zero_panels(inputs), zero_panels(columns), vec![0.0; PACKET * columns]),
+        |(panels, sums, found), (out, items)| {
+            to_panels(items.chunks_exact(inputs), panels);
+            product(simd, Factors { a: tiles, columns, b: panels }, start, sums);
             by_strand(sums, found);
             out.copy_from_slice(&found[..out.len()]);
         },
@@ -200,9 +214,9 @@ impl Pass<'_> {
                 None => self.shared.to_vec(),
                 Some(before) => self.gather(before, number, &pixels),
             };
-            let [matrix, bias] = weights.of(number);
+            let [_, bias] = weights.of(number);
             let start = if number + 1 < DEPTH { Start::BiasRelu(bias) } else { Start::Bias(bias) };
-            let outputs = apply(simd, matrix, start, &inputs, layer.inputs);
+            let outputs = apply(simd, &weights.tiles[number], [layer.inputs, layer.outputs], start, &inputs);
             levels.push(Level { pixels, inputs, outputs });
         }
         levels

@@ -13,7 +13,9 @@
 
 use super::{DEPTH, LAYERS, Level, MapNetwork, MapStrands, Pass, TEXELS, Weights, apply, parameters, ranges};
 use crate::PARTICLES;
-use crate::network::product::{PACKET, Start, TILE_ROWS, by_strand, to_rows, transpose, zero_rows};
+use crate::network::product::{
+    PACKET, PANELS, Start, by_strand, tile_by_tile, to_panels, transpose, zero_panels,
+};
 use crate::network::rotation::basis;
 use crate::network::{OUTPUTS, SHARED};
 use crate::random::Random;
@@ -136,22 +138,22 @@ impl MapTrainer {
             batch.texels.iter().map(|texel| &self.strands.rest[*texel]).collect();
         let item = |s: usize, frame: usize| (s * FRAMES + frame) * OUTPUTS;
         let of_window = |(number, drawn): (usize, &Drawn)| {
-            let mut rows: [Vec<Row<f32>>; MOMENTS] = std::array::from_fn(|ago| {
-                let mut rows = zero_rows(OUTPUTS);
+            let mut panels: [Vec<Row<f32>>; MOMENTS] = std::array::from_fn(|ago| {
+                let mut panels = zero_panels(OUTPUTS);
                 let first = |s| item(s, number * MOMENTS + ago);
-                to_rows((0..DRAWN).map(|s| &last.outputs[first(s)..][..OUTPUTS]), &mut rows);
-                rows
+                to_panels((0..DRAWN).map(|s| &last.outputs[first(s)..][..OUTPUTS]), &mut panels);
+                panels
             });
-            let mut outputs = rows.each_mut().map(Vec::as_mut_slice);
             let mut energy = 0.0;
-            for row in 0..TILE_ROWS {
+            for row in 0..PANELS {
+                let mut outputs = panels.each_mut().map(|panels| &mut panels[row * OUTPUTS..][..OUTPUTS]);
                 let rest = &rest[row * LANES..][..LANES];
                 let weights = &[1.0; LANES];
-                energy += aims.row(&OfRow { drawn, rest, row, weights, between: &[] }, &mut outputs);
+                energy += aims.row(&OfRow { drawn, rest, first: 0, weights, between: &[] }, &mut outputs);
             }
-            let strands = rows.each_ref().map(|rows| {
+            let strands = panels.each_ref().map(|panels| {
                 let mut to = vec![0.0; DRAWN * OUTPUTS];
-                by_strand(rows, &mut to);
+                by_strand(panels, &mut to);
                 to
             });
             (energy, strands)
@@ -211,7 +213,8 @@ fn back(simd: Simd, weights: &Weights, levels: &[Level], mut by: Vec<f32>) -> Ve
         let [matrix, _] = weights.of(number);
         let mut transposed = vec![0.0; matrix.len()];
         transpose(matrix, layer.outputs, &mut transposed);
-        let by_inputs = apply(simd, &transposed, Start::Zero, &by, layer.outputs);
+        let tiles = tile_by_tile(&transposed, layer.inputs);
+        let by_inputs = apply(simd, &tiles, [layer.outputs, layer.inputs], Start::Zero, &by);
         // Each pixel is one child of one pixel of the level before.
         let (before, parents) = (&levels[number - 1], &LAYERS[number - 1]);
         by = vec![0.0; before.outputs.len()];

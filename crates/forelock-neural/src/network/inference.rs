@@ -9,7 +9,7 @@
 //! cache. Threads share packets; results do not depend on their number.
 
 use super::head::{Head, OutputHead};
-use super::product::{Factors, PACKET, Rows, Start, TILE_ROWS, product, to_rows, zero_rows};
+use super::product::{Factors, PACKET, PANELS, Panels, Start, product, tile_by_tile, to_panels, zero_panels};
 use super::rotation::{Basis, fold, rotate};
 use super::{LengthError, Network, OUTPUTS, Shape};
 use crate::losses::Strand;
@@ -23,9 +23,9 @@ use rayon::prelude::*;
 pub struct Strands {
     count: usize,
     /// The first layer's sums of strands, a packet after the other: `[width, 4]` rows.
-    sums: Rows,
+    sums: Panels,
     /// Roots and edges at rest, cm, a row of strands after the other: `[25, 3]` rows.
-    rest: Rows,
+    rest: Panels,
 }
 
 impl Strands {
@@ -51,6 +51,8 @@ pub struct Predictor {
     pub(super) simd: Simd,
     pub(super) head: OutputHead,
     pub(super) network: Network<f32>,
+    /// The weights of the second and of the last layer, tile by tile.
+    tiles: [Vec<f32>; 2],
 }
 
 /// Where predicted positions go: `[strand][25]`, cm, canonical space.
@@ -73,6 +75,7 @@ impl Predictor {
                 fold(row, basis);
             }
         }
+        own.tiles = tiles(&own.network);
         Ok(own)
     }
 
@@ -90,7 +93,8 @@ impl Predictor {
         }
         let simd = simd.resolve();
         assert!(simd.is_supported(), "{simd:?} is not supported by this processor");
-        Ok(Self { simd, head: OutputHead::Displacement, network: network.clone() })
+        let tiles = tiles(network);
+        Ok(Self { simd, head: OutputHead::Displacement, network: network.clone(), tiles })
     }
 
     /// What the network's outputs are.
@@ -126,14 +130,15 @@ impl Predictor {
         let packets = rest.len().div_ceil(PACKET);
         let mut own = Strands {
             count: rest.len(),
-            sums: vec![Row::zeroed(); packets * width * TILE_ROWS],
+            sums: vec![Row::zeroed(); packets * width * PANELS],
             rest: edges_at_rest(rest),
         };
         let [matrix, _, bias, ..] = self.network.parts();
-        own.sums.par_chunks_exact_mut(width * TILE_ROWS).enumerate().for_each(|(packet, sums)| {
-            let mut packed = zero_rows(inputs);
-            to_rows(statics.chunks_exact(inputs).skip(packet * PACKET).take(PACKET), &mut packed);
-            let factors = Factors { a: matrix, columns: width, b: &packed };
+        let tiles = tile_by_tile(matrix, width);
+        own.sums.par_chunks_exact_mut(width * PANELS).enumerate().for_each(|(packet, sums)| {
+            let mut panels = zero_panels(inputs);
+            to_panels(statics.chunks_exact(inputs).skip(packet * PACKET).take(PACKET), &mut panels);
+            let factors = Factors { a: &tiles, columns: width, b: &panels };
             product(self.simd, factors, Start::Bias(bias), sums);
         });
         Ok(own)
@@ -149,16 +154,17 @@ impl Predictor {
         let frame = super::shared_part(&self.network, shared);
         let width = self.network.shape().width;
         out.par_chunks_mut(PACKET)
-            .zip(strands.sums.par_chunks_exact(width * TILE_ROWS))
+            .zip(strands.sums.par_chunks_exact(width * PANELS))
             .enumerate()
             .for_each_init(
                 || Activations::new(width),
                 |activations, (packet, (out, sums))| {
                     self.layers(&frame, sums, activations);
-                    let first = packet * TILE_ROWS * 3 * PARTICLES;
+                    let first = packet * PANELS * 3 * PARTICLES;
                     let rest = strands.rest[first..].chunks_exact(3 * PARTICLES);
-                    for (row, (out, rest)) in out.chunks_mut(LANES).zip(rest).enumerate() {
-                        let strands = HeadRow { head: self.head, rest, outputs: &activations.outputs, row };
+                    let panels = activations.outputs.chunks_exact(OUTPUTS);
+                    for (out, (rest, outputs)) in out.chunks_mut(LANES).zip(rest.zip(panels)) {
+                        let strands = HeadRow { head: self.head, rest, outputs };
                         place(self.simd, &strands, out);
                     }
                 },
@@ -167,18 +173,17 @@ impl Predictor {
 
     /// The layers of a packet, from the first layer's sums of the frame and of its strands.
     pub(super) fn layers(&self, frame: &[f32], sums: &[Row<f32>], activations: &mut Activations) {
-        let [.., hidden, second_bias, output, third_bias] = self.network.parts();
+        let [.., second_bias, _, third_bias] = self.network.parts();
         let Activations { first, second, outputs } = activations;
-        for ((first, sums), frame) in
-            first.chunks_exact_mut(TILE_ROWS).zip(sums.chunks_exact(TILE_ROWS)).zip(frame)
-        {
-            for (first, sums) in first.iter_mut().zip(sums) {
+        let width = self.network.shape().width;
+        for (first, sums) in first.chunks_exact_mut(width).zip(sums.chunks_exact(width)) {
+            for ((first, sums), frame) in first.iter_mut().zip(sums).zip(frame) {
                 for (x, sum) in first.0.iter_mut().zip(sums.0) {
                     *x = (sum + frame).max(0.0);
                 }
             }
         }
-        let width = self.network.shape().width;
+        let [hidden, output] = &self.tiles;
         let factors = Factors { a: hidden, columns: width, b: first };
         product(self.simd, factors, Start::BiasRelu(second_bias), second);
         let factors = Factors { a: output, columns: OUTPUTS, b: second };
@@ -186,11 +191,17 @@ impl Predictor {
     }
 }
 
+/// The weights of the second and of the last layer, tile by tile.
+fn tiles(network: &Network<f32>) -> [Vec<f32>; 2] {
+    let [.., hidden, _, output, _] = network.parts();
+    [tile_by_tile(hidden, network.shape().width), tile_by_tile(output, OUTPUTS)]
+}
+
 /// Roots and edges of strands at rest, whole packets, a row of strands after the other: `[25, 3]`
 /// rows.
-pub(crate) fn edges_at_rest(rest: &[Positions]) -> Rows {
+pub(crate) fn edges_at_rest(rest: &[Positions]) -> Panels {
     let packets = rest.len().div_ceil(PACKET);
-    let mut own = vec![Row::zeroed(); packets * TILE_ROWS * 3 * PARTICLES];
+    let mut own = vec![Row::zeroed(); packets * PANELS * 3 * PARTICLES];
     for (s, x) in rest.iter().enumerate() {
         let rows = &mut own[s / LANES * 3 * PARTICLES..][..3 * PARTICLES];
         for i in 0..PARTICLES {
@@ -203,17 +214,17 @@ pub(crate) fn edges_at_rest(rest: &[Positions]) -> Rows {
     own
 }
 
-/// Activations of a packet: rows of 64 strands.
+/// Activations of a packet, in panels.
 #[derive(Debug)]
 pub(super) struct Activations {
-    first: Rows,
-    second: Rows,
-    pub(super) outputs: Rows,
+    first: Panels,
+    second: Panels,
+    pub(super) outputs: Panels,
 }
 
 impl Activations {
     pub(super) fn new(width: usize) -> Self {
-        Self { first: zero_rows(width), second: zero_rows(width), outputs: zero_rows(OUTPUTS) }
+        Self { first: zero_panels(width), second: zero_panels(width), outputs: zero_panels(OUTPUTS) }
     }
 }
 
@@ -223,10 +234,8 @@ pub(crate) struct HeadRow<'a> {
     pub head: OutputHead,
     /// Roots and edges at rest.
     pub rest: &'a [Row<f32>],
-    /// The network's outputs of the packet.
+    /// The network's outputs, `[72]`.
     pub outputs: &'a [Row<f32>],
-    /// Which row of the packet they are.
-    pub row: usize,
 }
 
 /// The positions of `strands`.
@@ -242,15 +251,13 @@ pub(crate) fn place(simd: Simd, strands: &HeadRow<'_>, out: &mut [Positions]) {
 /// [`place`] in lanes.
 #[inline(always)]
 fn place_lanes<L: Lane<Scalar = f32>>(strands: &HeadRow<'_>, out: &mut [Positions]) {
-    let HeadRow { head, rest, outputs, row } = strands;
+    let HeadRow { head, rest, outputs } = strands;
     for first in (0..LANES.min(out.len())).step_by(L::WIDTH) {
         let mut edges = [V3::zero(); EDGES];
         let mut o = [V3::zero(); EDGES];
         for i in 0..EDGES {
             edges[i] = V3::<L>::load(rest, i + 1, first);
-            for c in 0..3 {
-                o[i].0[c] = L::load(&outputs[(3 * i + c) * TILE_ROWS + row], first);
-            }
+            o[i] = V3::load(outputs, i, first);
         }
         let root = V3::load(rest, 0, first);
         let x: Strand<L> = match head {

@@ -23,9 +23,9 @@
 
 use super::head::OutputHead;
 use super::inference::{Activations, CountError, Predictor};
-use super::product::{Factors, Start, TILE_ROWS, product, to_rows, zero_rows};
+use super::product::{Factors, PANELS, Start, product, tile_by_tile, to_panels, zero_panels};
 use super::rotation::turn;
-use super::{Shape, add_layer};
+use super::{OUTPUTS, Shape, add_layer};
 use crate::EDGES;
 use bytemuck::Zeroable;
 use forelock_core::lane::{LANES, Lane, Mat3, Row, Simd, V3, on};
@@ -190,20 +190,21 @@ impl Predictor {
             return Err(CountError { rest: model.strand_count, inputs: statics.len() / inputs });
         }
         let [matrix, _, bias, ..] = self.network.parts();
-        let packets = model.blocks.len().div_ceil(TILE_ROWS);
+        let tiles = tile_by_tile(matrix, width);
+        let packets = model.blocks.len().div_ceil(PANELS);
         let mut own = PackedStrands {
-            sums: vec![Row::zeroed(); packets * width * TILE_ROWS],
+            sums: vec![Row::zeroed(); packets * width * PANELS],
             blocks: Vec::with_capacity(model.blocks.len()),
             blends: Vec::new(),
             weights: Vec::new(),
             places: model.places(),
         };
-        own.sums.par_chunks_exact_mut(width * TILE_ROWS).zip(model.blocks.par_chunks(TILE_ROWS)).for_each(
+        own.sums.par_chunks_exact_mut(width * PANELS).zip(model.blocks.par_chunks(PANELS)).for_each(
             |(sums, blocks)| {
                 let strands = blocks.iter().flat_map(|block| block.strands);
-                let mut packed = zero_rows(inputs);
-                to_rows(strands.map(|s| &statics[inputs * s as usize..][..inputs]), &mut packed);
-                let factors = Factors { a: matrix, columns: width, b: &packed };
+                let mut panels = zero_panels(inputs);
+                to_panels(strands.map(|s| &statics[inputs * s as usize..][..inputs]), &mut panels);
+                let factors = Factors { a: &tiles, columns: width, b: &panels };
                 product(self.simd, factors, Start::Bias(bias), sums);
             },
         );
@@ -243,7 +244,7 @@ impl Predictor {
         workspace.frame.fill(0.0);
         add_layer(self.network.parts()[1], frame.shared, &mut workspace.frame);
         let run = Run { predictor: self, strands, frame, workspace };
-        run.halve(0..strands.blocks.len().div_ceil(TILE_ROWS), out);
+        run.halve(0..strands.blocks.len().div_ceil(PANELS), out);
     }
 }
 
@@ -258,7 +259,7 @@ struct Run<'a> {
 impl Run<'_> {
     /// Runs `packets`, whose places are in `out`.
     fn halve(&self, packets: Range<usize>, out: &mut [Row<f32>]) {
-        let first = |packet: usize| self.strands.blocks[TILE_ROWS * packet].first;
+        let first = |packet: usize| self.strands.blocks[PANELS * packet].first;
         match packets.len() {
             0 => {}
             1 => self.packet(packets.start, out),
@@ -275,21 +276,20 @@ impl Run<'_> {
 
     fn packet(&self, packet: usize, out: &mut [Row<f32>]) {
         let Self { predictor, strands, frame, workspace } = self;
-        let sums = workspace.frame.len() * TILE_ROWS;
+        let sums = workspace.frame.len() * PANELS;
         let worker = rayon::current_thread_index().unwrap_or(0) % workspace.activations.len();
         let mut activations = workspace.activations[worker].lock().unwrap_or_else(PoisonError::into_inner);
         predictor.layers(&workspace.frame, &strands.sums[packet * sums..][..sums], &mut activations);
-        let blocks = &strands.blocks[TILE_ROWS * packet..];
+        let blocks = &strands.blocks[PANELS * packet..];
         let mut out = out;
-        for (row, block) in blocks.iter().take(TILE_ROWS).enumerate() {
+        for (block, outputs) in blocks.iter().zip(activations.outputs.chunks_exact(OUTPUTS)) {
             let (own, rest) = std::mem::take(&mut out).split_at_mut(3 * block.particles);
             let edges = Edges {
                 head: predictor.head,
                 rest: &frame.rest[3 * block.first..][..3 * block.particles],
                 blends: &strands.blends[block.blends.clone()],
                 weights: &strands.weights,
-                outputs: &activations.outputs,
-                row,
+                outputs,
                 pose: frame.pose,
             };
             place(predictor.simd, &edges, own);
@@ -305,10 +305,8 @@ struct Edges<'a> {
     rest: &'a [Row<f32>],
     blends: &'a [Blend],
     weights: &'a [Row<f32>],
-    /// The network's outputs of the packet.
+    /// The network's outputs, `[72]`.
     outputs: &'a [Row<f32>],
-    /// Which row of the packet the block is.
-    row: usize,
     pose: Pose,
 }
 
@@ -316,11 +314,7 @@ impl Edges<'_> {
     /// The network's output of its edge `k`.
     #[inline(always)]
     fn own_output<L: Lane<Scalar = f32>>(&self, k: usize, first: usize) -> V3<L> {
-        let mut o = V3::zero();
-        for c in 0..3 {
-            o.0[c] = L::load(&self.outputs[(3 * k + c) * TILE_ROWS + self.row], first);
-        }
-        o
+        V3::load(self.outputs, k, first)
     }
 
     /// The output of edge `i`.

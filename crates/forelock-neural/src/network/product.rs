@@ -7,42 +7,106 @@
 //!
 //! # Practice
 //! Lanes run along N. A tile of 6 × 64 numbers of C stays in 24 registers of AVX-512 (6 × 16 in 12
-//! of AVX2) while K runs; each step loads 64 numbers of B and broadcasts 6 of A. Each number of C
-//! is summed in the order of K, whatever the tile and the number of threads.
+//! of AVX2) while K runs; each step loads 64 (16) numbers of B and broadcasts 6 of A. Each number
+//! of C is summed in the order of K, whatever the tile and the number of threads.
+//!
+//! Both factors are stored in the order in which they are read, so that no cache lines evict each
+//! other: A tile by tile ([`tile_by_tile`]), B and C in panels of 16 columns. With AVX2 a panel of
+//! B stays in the first-level cache while all tiles of A pass.
 
 #![expect(clippy::needless_range_loop, reason = "loops with one index for several arrays vectorise")]
 
 use bytemuck::Zeroable;
 use forelock_core::lane::{LANES, Lane, Row, Simd, on};
 
-/// Rows of [`LANES`] numbers of a tile of C: 64 columns.
-pub const TILE_ROWS: usize = 4;
+/// Panels of [`LANES`] columns of a packet.
+pub const PANELS: usize = 4;
 /// Columns of a packet: strands of it.
-pub const PACKET: usize = TILE_ROWS * LANES;
+pub const PACKET: usize = PANELS * LANES;
 
-/// Rows of A's columns in a tile.
+/// Columns of A in a tile.
 const TILE: usize = 6;
 
-/// Rows of 64 strands.
-pub(crate) type Rows = Vec<Row<f32>>;
+/// The numbers of 64 strands: `[4, units]` rows of 16 strands.
+pub(crate) type Panels = Vec<Row<f32>>;
 
-/// `units` rows of 64 strands, all zero.
-pub(crate) fn zero_rows(units: usize) -> Rows {
-    vec![Row::zeroed(); units * TILE_ROWS]
+/// `units` numbers of 64 strands, all zero.
+pub(crate) fn zero_panels(units: usize) -> Panels {
+    vec![Row::zeroed(); units * PANELS]
 }
 
-/// Up to 64 strands, `[units]` each, as rows.
-pub(crate) fn to_rows<'a>(strands: impl Iterator<Item = &'a [f32]>, rows: &mut [Row<f32>]) {
+/// Up to 64 strands, `[units]` each, as panels.
+pub(crate) fn to_panels<'a>(strands: impl Iterator<Item = &'a [f32]>, panels: &mut [Row<f32>]) {
+    let units = panels.len() / PANELS;
     for (s, strand) in strands.enumerate() {
-        for (k, x) in strand.iter().enumerate() {
-            rows[k * TILE_ROWS + s / LANES].0[s % LANES] = *x;
+        let panel = &mut panels[s / LANES * units..][..units];
+        panel.iter_mut().zip(strand).for_each(|(row, x)| row.0[s % LANES] = *x);
+    }
+}
+
+/// Panels of 64 strands to strand by strand, `[64][units]`.
+pub(crate) fn by_strand(panels: &[Row<f32>], to: &mut [f32]) {
+    let units = panels.len() / PANELS;
+    for (panel, to) in panels.chunks_exact(units).zip(to.chunks_exact_mut(LANES * units)) {
+        transpose(bytemuck::cast_slice(panel), LANES, to);
+    }
+}
+
+/// Panels of 64 strands, `units` numbers each, to panels of the other factor of a weight's
+/// gradient: `[units / 16, 64]` rows of 16 units. What is after the last unit stays as it is.
+pub(crate) fn units_in_lanes(panels: &[Row<f32>], to: &mut [Row<f32>]) {
+    const BLOCK: usize = 4;
+    let units = panels.len() / PANELS;
+    for (p, panel) in panels.chunks_exact(units).enumerate() {
+        for (rows, to) in panel.chunks(LANES).zip(to.chunks_exact_mut(PACKET)) {
+            let to = &mut to[p * LANES..][..LANES];
+            for (first, rows) in (0..LANES).step_by(BLOCK).zip(rows.chunks(BLOCK)) {
+                let Some(rows) = rows.as_array::<BLOCK>() else {
+                    for (s, to) in to.iter_mut().enumerate() {
+                        rows.iter().enumerate().for_each(|(k, row)| to.0[first + k] = row.0[s]);
+                    }
+                    continue;
+                };
+                // Blocks of 4 × 4 are transposed in registers.
+                for (s, to) in (0..LANES).step_by(BLOCK).zip(to.chunks_exact_mut(BLOCK)) {
+                    for k in 0..BLOCK {
+                        let strand = rows.each_ref().map(|row| row.0[s + k]);
+                        to[k].0[first..first + BLOCK].copy_from_slice(&strand);
+                    }
+                }
+            }
         }
     }
 }
 
-/// Rows of 64 strands to strand by strand, `[64][units]`.
-pub(crate) fn by_strand(rows: &[Row<f32>], to: &mut [f32]) {
-    transpose(bytemuck::cast_slice(rows), PACKET, to);
+/// Panels of 64 strands as the matrix `[64, units]`, tile by tile. What is after the last unit
+/// stays as it is.
+pub(crate) fn strands_by_tiles(panels: &[Row<f32>], to: &mut [f32]) {
+    let units = panels.len() / PANELS;
+    for (first, tile) in (0..units).step_by(TILE).zip(to.chunks_exact_mut(PACKET * TILE)) {
+        for (panel, to) in panels.chunks_exact(units).zip(tile.chunks_exact_mut(LANES * TILE)) {
+            let rows = &panel[first..units.min(first + TILE)];
+            for (s, to) in to.chunks_exact_mut(TILE).enumerate() {
+                match rows.as_array::<TILE>() {
+                    Some(rows) => to.copy_from_slice(&rows.each_ref().map(|row| row.0[s])),
+                    None => to.iter_mut().zip(rows).for_each(|(to, row)| *to = row.0[s]),
+                }
+            }
+        }
+    }
+}
+
+/// The matrix `b`, `[K, columns]`, as panels of 16 columns: `[panels, K]` rows, with zeros after
+/// the last column.
+pub(crate) fn in_panels(b: &[f32], columns: usize) -> Panels {
+    let depth = b.len() / columns;
+    let mut panels = vec![Row::zeroed(); columns.div_ceil(LANES) * depth];
+    for (k, row) in b.chunks_exact(columns).enumerate() {
+        for (panel, from) in panels.chunks_exact_mut(depth).zip(row.chunks(LANES)) {
+            panel[k].0[..from.len()].copy_from_slice(from);
+        }
+    }
+    panels
 }
 
 /// `[rows, columns]` to `[columns, rows]`.
@@ -66,6 +130,32 @@ pub(crate) fn transpose(from: &[f32], columns: usize, to: &mut [f32]) {
     for r in 0..rows {
         let first = if r < whole[0] { whole[1] } else { 0 };
         (first..columns).for_each(|c| to[c * rows + r] = from[r * columns + c]);
+    }
+}
+
+/// Numbers of a matrix with `rows` rows and `columns` columns that is stored tile by tile.
+pub(crate) fn size_by_tiles(rows: usize, columns: usize) -> usize {
+    rows * columns.next_multiple_of(TILE)
+}
+
+/// The matrix `a`, `[K, columns]`, tile by tile: `[tiles, K, 6]`, with zeros after the last column.
+pub fn tile_by_tile(a: &[f32], columns: usize) -> Vec<f32> {
+    let mut tiles = vec![0.0; size_by_tiles(a.len() / columns, columns)];
+    to_tiles(a, columns, &mut tiles);
+    tiles
+}
+
+/// The same into `tiles`, whose numbers after the last column stay as they are.
+pub(crate) fn to_tiles(a: &[f32], columns: usize, tiles: &mut [f32]) {
+    let rows = a.len() / columns;
+    for (tile, first) in tiles.chunks_exact_mut(rows * TILE).zip((0..columns).step_by(TILE)) {
+        let used = TILE.min(columns - first);
+        for (to, row) in tile.chunks_exact_mut(TILE).zip(a.chunks_exact(columns)) {
+            match row[first..first + used].try_into() {
+                Ok::<&[f32; TILE], _>(row) => to.copy_from_slice(row),
+                Err(_) => to[..used].copy_from_slice(&row[first..first + used]),
+            }
+        }
     }
 }
 
@@ -95,119 +185,143 @@ impl Start<'_> {
 /// The two factors of a product.
 #[derive(Clone, Copy, Debug)]
 pub struct Factors<'a> {
-    /// A, row-major `[K, columns]`.
+    /// A, `[K, columns]`, as [`tile_by_tile`] stores it.
     pub a: &'a [f32],
     /// M: columns of A.
     pub columns: usize,
-    /// B, `[K, 4]` rows: 64 columns.
+    /// B, `[panels, K]` rows: 16 columns a panel.
     pub b: &'a [Row<f32>],
 }
 
-/// C = AᵀB + C₀ for 64 columns: `c` is `[M, 4]` rows.
+impl Factors<'_> {
+    /// K.
+    #[inline(always)]
+    fn depth(&self) -> usize {
+        self.a.len() / self.columns.next_multiple_of(TILE)
+    }
+}
+
+/// C = AᵀB + C₀: `c` is `[panels, M]` rows, 16 columns a panel.
 ///
 /// # Panics
 /// If the lengths of the slices do not agree.
 pub fn product(simd: Simd, factors: Factors<'_>, start: Start<'_>, c: &mut [Row<f32>]) {
-    product_of_columns(simd, factors, PACKET, start, c);
-}
-
-/// The same for at least the first `used` columns; the others are computed too or left as they are.
-pub(crate) fn product_of_columns(
-    simd: Simd,
-    factors: Factors<'_>,
-    used: usize,
-    start: Start<'_>,
-    c: &mut [Row<f32>],
-) {
-    assert_eq!(factors.a.len() * TILE_ROWS, factors.b.len() * factors.columns, "rows of A and of B");
-    assert_eq!(c.len(), TILE_ROWS * factors.columns, "rows of C");
+    let Factors { a, columns, b } = factors;
+    let depth = factors.depth();
+    assert!(depth > 0 && a.len() == size_by_tiles(depth, columns), "tiles of A");
+    assert_eq!(b.len() * columns, c.len() * depth, "panels of B and of C");
+    assert!(b.len().is_multiple_of(depth), "rows of A and of B");
     let simd = simd.resolve();
     assert!(simd.is_supported(), "{simd:?} is not supported by this processor");
-    let run = on!(simd, tiles(factors: Factors<'_>, start: Start<'_>, used: usize, c: &mut [Row<f32>]));
+    let run = on!(simd, panels(factors: Factors<'_>, start: Start<'_>, c: &mut [Row<f32>]));
     // SAFETY: the instruction set is supported.
     #[allow(unused_unsafe, clippy::allow_attributes, reason = "only instantiations with features are unsafe")]
     unsafe {
-        run(factors, start, used, c);
+        run(factors, start, c);
     }
 }
 
-/// All tiles of C.
+/// All panels of C.
 #[inline(always)]
-fn tiles<L: Lane<Scalar = f32>>(factors: Factors<'_>, start: Start<'_>, used: usize, c: &mut [Row<f32>]) {
-    let mut m = 0;
-    while m + TILE <= factors.columns {
-        rows::<L, TILE>(factors, start, m, used, c);
-        m += TILE;
-    }
-    match factors.columns - m {
-        1 => rows::<L, 1>(factors, start, m, used, c),
-        2 => rows::<L, 2>(factors, start, m, used, c),
-        3 => rows::<L, 3>(factors, start, m, used, c),
-        4 => rows::<L, 4>(factors, start, m, used, c),
-        5 => rows::<L, 5>(factors, start, m, used, c),
-        _ => {}
-    }
-}
-
-/// `M` rows of C from row `first`, `used` columns of them.
-#[inline(always)]
-fn rows<L: Lane<Scalar = f32>, const M: usize>(
-    factors: Factors<'_>,
-    start: Start<'_>,
-    first: usize,
-    used: usize,
-    c: &mut [Row<f32>],
-) {
-    let lanes = used.min(PACKET).div_ceil(L::WIDTH);
-    // Registers of AVX-512 hold twice as many tiles as those of AVX2; 32 columns do not need them.
-    if L::WIDTH == LANES && lanes > 2 {
-        tile::<L, M, 4>(factors, start, [first, 0], c);
+fn panels<L: Lane<Scalar = f32>>(factors: Factors<'_>, start: Start<'_>, c: &mut [Row<f32>]) {
+    let count = factors.b.len() / factors.depth();
+    let mut panel = 0;
+    if L::WIDTH == LANES {
+        // Registers of AVX-512 hold tiles of four panels.
+        while panel + 4 <= count {
+            tiles::<L, 4, 1>(factors, start, [panel, 0], c);
+            panel += 4;
+        }
+        if panel + 2 <= count {
+            tiles::<L, 2, 1>(factors, start, [panel, 0], c);
+            panel += 2;
+        }
+        if panel < count {
+            tiles::<L, 1, 1>(factors, start, [panel, 0], c);
+        }
     } else {
-        for column in (0..lanes).step_by(2) {
-            tile::<L, M, 2>(factors, start, [first, column], c);
+        for panel in 0..count {
+            for lane in (0..LANES).step_by(2 * L::WIDTH) {
+                tiles::<L, 1, 2>(factors, start, [panel, lane], c);
+            }
         }
     }
 }
 
-/// The tile of `M` rows from row `at[0]` and `R` lanes from lane `at[1]` of C.
+/// All tiles of C in `P` panels from `at[0]`, `R` registers of each from lane `at[1]`.
 #[inline(always)]
-fn tile<L: Lane<Scalar = f32>, const M: usize, const R: usize>(
+fn tiles<L: Lane<Scalar = f32>, const P: usize, const R: usize>(
     factors: Factors<'_>,
     start: Start<'_>,
     at: [usize; 2],
     c: &mut [Row<f32>],
 ) {
-    let [first, column] = at;
-    let mut sums = [[L::zero(); R]; M];
+    let mut m = 0;
+    while m + TILE <= factors.columns {
+        tile::<L, TILE, P, R>(factors, start, m, at, c);
+        m += TILE;
+    }
+    match factors.columns - m {
+        1 => tile::<L, 1, P, R>(factors, start, m, at, c),
+        2 => tile::<L, 2, P, R>(factors, start, m, at, c),
+        3 => tile::<L, 3, P, R>(factors, start, m, at, c),
+        4 => tile::<L, 4, P, R>(factors, start, m, at, c),
+        5 => tile::<L, 5, P, R>(factors, start, m, at, c),
+        _ => {}
+    }
+}
+
+/// The tile of `M` rows from row `first` of C.
+#[inline(always)]
+fn tile<L: Lane<Scalar = f32>, const M: usize, const P: usize, const R: usize>(
+    factors: Factors<'_>,
+    start: Start<'_>,
+    first: usize,
+    at: [usize; 2],
+    c: &mut [Row<f32>],
+) {
+    let depth = factors.depth();
+    let [panel, lane] = at;
+    let mut sums = [[[L::zero(); R]; P]; M];
     for m in 0..M {
-        for r in 0..R {
-            let lane = (column + r) * L::WIDTH;
-            sums[m][r] = match start {
-                Start::Sums => L::load(&c[(first + m) * TILE_ROWS + lane / LANES], lane % LANES),
-                _ => L::splat(start.bias(first + m)),
-            };
+        for p in 0..P {
+            let row = &c[(panel + p) * factors.columns + first + m];
+            for r in 0..R {
+                sums[m][p][r] = match start {
+                    Start::Sums => L::load(row, lane + r * L::WIDTH),
+                    _ => L::splat(start.bias(first + m)),
+                };
+            }
         }
     }
-    let weights = factors.a.chunks_exact(factors.columns);
-    for (weights, inputs) in weights.zip(factors.b.chunks_exact(TILE_ROWS)) {
-        let mut loaded = [L::zero(); R];
-        for r in 0..R {
-            let lane = (column + r) * L::WIDTH;
-            loaded[r] = L::load(&inputs[lane / LANES], lane % LANES);
+    let mut inputs: [&[Row<f32>]; P] = [&[]; P];
+    for p in 0..P {
+        inputs[p] = &factors.b[(panel + p) * depth..][..depth];
+    }
+    let weights = factors.a[first * depth..].chunks_exact(TILE);
+    for (k, weights) in (0..depth).zip(weights) {
+        let mut loaded = [[L::zero(); R]; P];
+        for p in 0..P {
+            for r in 0..R {
+                loaded[p][r] = L::load(&inputs[p][k], lane + r * L::WIDTH);
+            }
         }
-        let weights = &weights[first..first + M];
         for m in 0..M {
             let weight = L::splat(weights[m]);
-            for r in 0..R {
-                sums[m][r] = weight.mul_add(loaded[r], sums[m][r]);
+            for p in 0..P {
+                for r in 0..R {
+                    sums[m][p][r] = weight.mul_add(loaded[p][r], sums[m][p][r]);
+                }
             }
         }
     }
     let floor = L::splat(if matches!(start, Start::BiasRelu(_)) { 0.0 } else { f32::MIN });
     for m in 0..M {
-        for r in 0..R {
-            let lane = (column + r) * L::WIDTH;
-            sums[m][r].max(floor).store(&mut c[(first + m) * TILE_ROWS + lane / LANES], lane % LANES);
+        for p in 0..P {
+            let row = &mut c[(panel + p) * factors.columns + first + m];
+            for r in 0..R {
+                sums[m][p][r].max(floor).store(row, lane + r * L::WIDTH);
+            }
         }
     }
 }
@@ -225,6 +339,26 @@ mod tests {
             for (k, x) in to.iter().enumerate() {
                 assert_eq!(*x, from[k % rows * columns + k / rows], "{rows} {columns} {k}");
             }
+        }
+    }
+
+    /// Both orders in which the products of weights' gradients read a packet, of numbers of units
+    /// that fill neither tiles nor panels.
+    #[test]
+    fn a_packet_is_stored_in_the_order_of_each_factor() {
+        for units in [1, 6, 66, 72] {
+            let strands: Vec<f32> = (0..PACKET * units).map(|k| 1.0 + k as f32).collect();
+            let mut panels = zero_panels(units);
+            to_panels(strands.chunks_exact(units), &mut panels);
+            let mut back = vec![f32::NAN; strands.len()];
+            by_strand(&panels, &mut back);
+            assert_eq!(back, strands, "{units}");
+            let mut tiles = vec![0.0; size_by_tiles(PACKET, units)];
+            strands_by_tiles(&panels, &mut tiles);
+            assert_eq!(tiles, tile_by_tile(&strands, units), "{units}");
+            let mut lanes = vec![Row::zeroed(); units.div_ceil(LANES) * PACKET];
+            units_in_lanes(&panels, &mut lanes);
+            assert_eq!(lanes, in_panels(&strands, units), "{units}");
         }
     }
 }

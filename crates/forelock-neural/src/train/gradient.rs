@@ -12,7 +12,7 @@
 //! of weights.
 
 use super::between::{Between, Neighbourhood};
-use super::layers::{bias_gradient, mask_rows, parts, weight_gradient};
+use super::layers::{bias_gradient_of_panels, mask_rows, parts, weight_gradient, weight_gradient_of_panels};
 use super::set::{Bust, Drawn, shared as shared_inputs};
 use super::soap::Frames;
 use super::window::{Goal, Neighbours, Window};
@@ -22,11 +22,13 @@ use crate::losses::motion::Place;
 use crate::losses::{Strand, zero};
 use crate::network::head::Head;
 use crate::network::product::{
-    Factors, PACKET, Rows, Start, TILE_ROWS, by_strand, product, to_rows, transpose, zero_rows,
+    Factors, PACKET, Panels, Start, product, size_by_tiles, strands_by_tiles, tile_by_tile, to_panels,
+    to_tiles, transpose, units_in_lanes, zero_panels,
 };
 use crate::network::rotation::{Basis, fold};
 use crate::network::{Network, OUTPUTS, STATICS, Shape};
 use crate::{EDGES, PARTICLES};
+use bytemuck::Zeroable;
 use forelock_core::lane::{BASELINE_FMA, LANES, Lane, Mat3, Pack, Row, Simd, V3, on};
 use rayon::prelude::*;
 
@@ -62,66 +64,78 @@ pub(super) struct Workspace {
     weights: Folded,
 }
 
-/// The last layer with B/2 folded in, and the transposes that the way back needs.
-#[derive(Debug)]
+/// The weights of a step, tile by tile, the last layer with B/2 folded in, and the transposes that
+/// the way back needs.
+#[derive(Debug, Default)]
 struct Folded {
-    output: Vec<f32>,
+    /// The last layer's weights, not in tiles, and its bias.
+    last: Vec<f32>,
     bias: Vec<f32>,
+    statics: Vec<f32>,
+    hidden: Vec<f32>,
+    output: Vec<f32>,
     output_transposed: Vec<f32>,
     hidden_transposed: Vec<f32>,
 }
 
-/// Buffers of a packet: rows of 64 strands, and strand by strand for the weights' gradients.
+/// Buffers of a packet: numbers of 64 strands in panels, and in the order of the products that give
+/// the weights' gradients.
 #[derive(Debug)]
 struct PacketBuffers {
+    /// `[64, statics]`.
     statics: Vec<f32>,
-    static_rows: Rows,
+    static_tiles: Vec<f32>,
+    static_panels: Panels,
     /// The first layer's sums of strands.
-    sums: Rows,
+    sums: Panels,
     moments: [MomentBuffers; MOMENTS],
-    by_second: Rows,
-    by_first: Rows,
-    /// The gradient of the first layer's sums, over all moments: `[64][width]`.
-    by_statics: Vec<f32>,
+    by_second: Panels,
+    by_first: Panels,
+    /// The gradient of the first layer's sums, over all moments: `[width / 16, 64]` rows of 16
+    /// units.
+    by_statics: Panels,
     energy: f64,
 }
 
 /// Buffers of a packet at one moment.
 #[derive(Debug)]
 struct MomentBuffers {
-    first: Rows,
-    second: Rows,
+    first: Panels,
+    second: Panels,
     /// The outputs, then the gradient with respect to them.
-    outputs: Rows,
-    /// The same strand by strand: `[64][units]`.
-    by_strand: [Vec<f32>; 5],
+    outputs: Panels,
+    /// The activations of [`FIRST`] and [`SECOND`] as `[64, width]`, tile by tile.
+    tiles: [Vec<f32>; 2],
+    /// The gradients with respect to [`FIRST`], [`SECOND`] and [`OUTPUT`]:
+    /// `[units / 16, 64]` rows of 16 units.
+    by: [Panels; 3],
 }
 
-/// Indices of [`MomentBuffers::by_strand`].
+/// Numbers of the layers.
 const FIRST: usize = 0;
 const SECOND: usize = 1;
-const BY_OUTPUT: usize = 2;
-const BY_SECOND: usize = 3;
-const BY_FIRST: usize = 4;
+const OUTPUT: usize = 2;
 
 impl PacketBuffers {
     fn new(shape: Shape) -> Self {
-        let rows = zero_rows;
-        let strands = |units: usize| vec![0.0; units * PACKET];
+        let tiles = |units: usize| vec![0.0; size_by_tiles(PACKET, units)];
+        let by = |units: usize| vec![Row::zeroed(); units.div_ceil(LANES) * PACKET];
         let width = shape.width;
         Self {
-            statics: strands(shape.statics),
-            static_rows: rows(shape.statics),
-            sums: rows(width),
+            statics: vec![0.0; shape.statics * PACKET],
+            static_tiles: tiles(shape.statics),
+            static_panels: zero_panels(shape.statics),
+            sums: zero_panels(width),
             moments: std::array::from_fn(|_| MomentBuffers {
-                first: rows(width),
-                second: rows(width),
-                outputs: rows(shape.outputs),
-                by_strand: [width, width, shape.outputs, width, width].map(strands),
+                first: zero_panels(width),
+                second: zero_panels(width),
+                outputs: zero_panels(shape.outputs),
+                tiles: [width, width].map(tiles),
+                by: [width, width, shape.outputs].map(by),
             }),
-            by_second: rows(width),
-            by_first: rows(width),
-            by_statics: strands(width),
+            by_second: zero_panels(width),
+            by_first: zero_panels(width),
+            by_statics: by(width),
             energy: 0.0,
         }
     }
@@ -150,17 +164,11 @@ struct Step<'a> {
 
 impl Workspace {
     pub(super) fn new(shape: Shape) -> Self {
-        let matrix = |rows: usize, columns: usize| vec![0.0; rows * columns];
         Self {
             found: vec![0.0; shape.parameters()],
             by_frame_sums: Vec::new(),
             packets: (0..PACKETS).map(|_| PacketBuffers::new(shape)).collect(),
-            weights: Folded {
-                output: matrix(shape.width, shape.outputs),
-                bias: matrix(1, shape.outputs),
-                output_transposed: matrix(shape.outputs, shape.width),
-                hidden_transposed: matrix(shape.width, shape.width),
-            },
+            weights: Folded::default(),
         }
     }
 
@@ -197,37 +205,41 @@ impl Workspace {
     /// The gradients of all weights from those of the layers' sums.
     fn weight_gradients(&mut self, simd: Simd, shape: &Shape, basis: Option<&Basis>, inputs: &[f32]) {
         let packets = &self.packets;
-        let all = |index: usize| {
-            let moments = packets.iter().flat_map(|packet| &packet.moments);
-            moments.map(move |moment| moment.by_strand[index].as_slice()).collect::<Vec<_>>()
+        let moments = || packets.iter().flat_map(|packet| &packet.moments);
+        let tiles = |layer: usize| -> Vec<&[f32]> {
+            moments().map(|moment| moment.tiles[layer].as_slice()).collect()
+        };
+        let by = |layer: usize| -> Vec<&[Row<f32>]> {
+            moments().map(|moment| moment.by[layer].as_slice()).collect()
         };
         let [statics, shared, first_bias, hidden, second_bias, output, third_bias] = shape.ranges();
         let width = shape.width;
-        let own: Vec<&[f32]> = packets.iter().map(|packet| packet.statics.as_slice()).collect();
-        let by_statics: Vec<&[f32]> = packets.iter().map(|packet| packet.by_statics.as_slice()).collect();
-        let [first, second, by_output, by_second, by_first] =
-            [FIRST, SECOND, BY_OUTPUT, BY_SECOND, BY_FIRST].map(all);
+        let own: Vec<&[f32]> = packets.iter().map(|packet| packet.static_tiles.as_slice()).collect();
+        let by_statics: Vec<&[Row<f32>]> =
+            packets.iter().map(|packet| packet.by_statics.as_slice()).collect();
+        let ([first, second], [by_first, by_second, by_output]) =
+            ([FIRST, SECOND].map(tiles), [FIRST, SECOND, OUTPUT].map(by));
         let folded = output.start..third_bias.end;
         let by_frame_sums = &mut self.by_frame_sums;
         let ranges = [statics, shared, first_bias, hidden, second_bias, output, third_bias];
         let [statics, shared, first_bias, hidden, second_bias, output, third_bias] =
             parts(&mut self.found, ranges);
         let of_strands = || {
-            weight_gradient(simd, [&own, &by_statics], [shape.statics, width], statics);
-            bias_gradient(&by_statics, first_bias);
+            weight_gradient_of_panels(simd, &own, &by_statics, [shape.statics, width], statics);
+            bias_gradient_of_panels(&by_statics, first_bias);
         };
         let of_frames = || {
             // Two frames a packet and moment.
-            *by_frame_sums = by_first.iter().flat_map(|strands| frame_gradients(strands, width)).collect();
+            *by_frame_sums = by_first.iter().flat_map(|panels| frame_gradients(panels, width)).collect();
             weight_gradient(simd, [&[inputs], &[by_frame_sums]], [shape.shared, width], shared);
         };
         let of_hidden = || {
-            weight_gradient(simd, [&first, &by_second], [width, width], hidden);
-            bias_gradient(&by_second, second_bias);
+            weight_gradient_of_panels(simd, &first, &by_second, [width, width], hidden);
+            bias_gradient_of_panels(&by_second, second_bias);
         };
         let of_output = || {
-            weight_gradient(simd, [&second, &by_output], [width, shape.outputs], output);
-            bias_gradient(&by_output, third_bias);
+            weight_gradient_of_panels(simd, &second, &by_output, [width, shape.outputs], output);
+            bias_gradient_of_panels(&by_output, third_bias);
         };
         rayon::join(|| rayon::join(of_hidden, of_strands), || rayon::join(of_output, of_frames));
         if let Some(basis) = basis {
@@ -239,17 +251,24 @@ impl Workspace {
 
 impl Folded {
     fn fold(&mut self, network: &Network<f32>, basis: Option<&Basis>) {
-        let [.., hidden, _, output, bias] = network.parts();
-        self.output.copy_from_slice(output);
-        self.bias.copy_from_slice(bias);
+        let [statics, _, _, hidden, _, output, bias] = network.parts();
+        let width = network.shape().width;
+        self.statics = tile_by_tile(statics, width);
+        self.last = output.to_vec();
+        self.bias = bias.to_vec();
         if let Some(basis) = basis {
-            let rows = self.output.par_chunks_exact_mut(OUTPUTS).with_min_len(FOLDED);
+            let rows = self.last.par_chunks_exact_mut(OUTPUTS).with_min_len(FOLDED);
             rows.for_each(|row| fold(row, basis));
             fold(&mut self.bias, basis);
         }
-        transpose(&self.output, OUTPUTS, &mut self.output_transposed);
-        let width = network.shape().width;
-        transpose(hidden, width, &mut self.hidden_transposed);
+        let of_both = |weights: &[f32], columns: usize| {
+            let mut transposed = vec![0.0; weights.len()];
+            transpose(weights, columns, &mut transposed);
+            [tile_by_tile(weights, columns), tile_by_tile(&transposed, width)]
+        };
+        let (of_hidden, of_output) = rayon::join(|| of_both(hidden, width), || of_both(&self.last, OUTPUTS));
+        [self.hidden, self.hidden_transposed] = of_hidden;
+        [self.output, self.output_transposed] = of_output;
     }
 }
 
@@ -283,11 +302,14 @@ pub(super) fn frame_inputs(set: &TrainingSet, drawn: &[Drawn; FRAMES], count: us
 }
 
 /// Sums over the strands of each frame of a packet: `[frames, width]`.
-fn frame_gradients(by_first: &[f32], width: usize) -> Vec<f32> {
+fn frame_gradients(by_first: &[Row<f32>], width: usize) -> Vec<f32> {
     let mut sums = vec![0.0; FRAMES_OF_PACKET * width];
-    for (s, row) in by_first.chunks_exact(width).enumerate() {
-        let sums = &mut sums[s / STRANDS * width..][..width];
-        sums.iter_mut().zip(row).for_each(|(sum, x)| *sum += x);
+    for (frame, sums) in sums.chunks_exact_mut(width).enumerate() {
+        for (sums, panel) in sums.chunks_mut(LANES).zip(by_first.chunks_exact(PACKET)) {
+            for row in &panel[frame * STRANDS..][..STRANDS] {
+                sums.iter_mut().zip(row.0).for_each(|(sum, x)| *sum += x);
+            }
+        }
     }
     sums
 }
@@ -305,11 +327,12 @@ impl Step<'_> {
         buffers.energy = 0.0;
         let aims = Aims { simd: self.simd, goal: self.goal, set: self.set, strands: BATCH };
         let between = self.between(drawn, &rest, buffers);
-        let mut outputs = buffers.moments.each_mut().map(|moment| moment.outputs.as_mut_slice());
         for (row, rest) in rest.chunks_exact(LANES).enumerate() {
-            let frame = row * LANES / STRANDS;
-            let weights = &drawn[frame].weights[row * LANES % STRANDS..][..LANES];
-            let of_row = OfRow { drawn: &drawn[frame], rest, row, weights, between: &between[frame] };
+            let of_row = row * OUTPUTS..(row + 1) * OUTPUTS;
+            let mut outputs = buffers.moments.each_mut().map(|moment| &mut moment.outputs[of_row.clone()]);
+            let (frame, first) = (row * LANES / STRANDS, row * LANES % STRANDS);
+            let weights = &drawn[frame].weights[first..][..LANES];
+            let of_row = OfRow { drawn: &drawn[frame], rest, first, weights, between: &between[frame] };
             let energy = aims.row(&of_row, &mut outputs);
             buffers.energy += energy;
         }
@@ -345,7 +368,7 @@ impl Step<'_> {
     fn strand(&self, outputs: &[Row<f32>], s: usize, rest: &[[f32; 3]; PARTICLES]) -> [[f32; 3]; PARTICLES] {
         type One = Pack<1, BASELINE_FMA>;
         let at_rest: Strand<One> = rest.map(|x| V3(x.map(One::splat)));
-        let output = |k: usize| One::splat(outputs[k * TILE_ROWS + s / LANES].0[s % LANES]);
+        let output = |k: usize| One::splat(outputs[s / LANES * OUTPUTS + k].0[s % LANES]);
         let u = std::array::from_fn(|i| V3(std::array::from_fn(|c| output(3 * i + c))));
         Head::new(self.goal.head, &at_rest).strand(&at_rest, &u).map(|x| x.get(0))
     }
@@ -356,9 +379,10 @@ impl Step<'_> {
         for (strand, to) in strands.zip(buffers.statics.chunks_exact_mut(STATICS)) {
             to.copy_from_slice(&self.set.strands[strand].statics);
         }
-        to_rows(buffers.statics.chunks_exact(STATICS), &mut buffers.static_rows);
-        let [statics, _, bias, ..] = self.network.parts();
-        let factors = Factors { a: statics, columns: bias.len(), b: &buffers.static_rows };
+        to_panels(buffers.statics.chunks_exact(STATICS), &mut buffers.static_panels);
+        to_tiles(&buffers.statics, STATICS, &mut buffers.static_tiles);
+        let [_, _, bias, ..] = self.network.parts();
+        let factors = Factors { a: &self.weights.statics, columns: bias.len(), b: &buffers.static_panels };
         product(self.simd, factors, Start::Bias(bias), &mut buffers.sums);
     }
 
@@ -367,37 +391,41 @@ impl Step<'_> {
         const ROWS_OF_FRAME: usize = STRANDS / LANES;
         let width = self.network.shape().width;
         let moment = &mut buffers.moments[ago];
-        for unit in 0..width {
-            for row in 0..TILE_ROWS {
-                let frame = (number * MOMENTS + ago) * FRAMES_OF_PACKET + row / ROWS_OF_FRAME;
-                let shared = self.frames[frame * width + unit];
-                let sums = &buffers.sums[unit * TILE_ROWS + row];
-                moment.first[unit * TILE_ROWS + row].0 = sums.0.map(|sum| (sum + shared).max(0.0));
+        let panels = moment.first.chunks_exact_mut(width).zip(buffers.sums.chunks_exact(width));
+        for (panel, (first, sums)) in panels.enumerate() {
+            let frame = (number * MOMENTS + ago) * FRAMES_OF_PACKET + panel / ROWS_OF_FRAME;
+            let shared = &self.frames[frame * width..][..width];
+            for ((first, sums), shared) in first.iter_mut().zip(sums).zip(shared) {
+                first.0 = sums.0.map(|sum| (sum + shared).max(0.0));
             }
         }
-        let [.., hidden, second_bias, _, _] = self.network.parts();
-        let factors = Factors { a: hidden, columns: width, b: &moment.first };
+        let [.., second_bias, _, _] = self.network.parts();
+        let factors = Factors { a: &self.weights.hidden, columns: width, b: &moment.first };
         product(self.simd, factors, Start::BiasRelu(second_bias), &mut moment.second);
         let factors = Factors { a: &self.weights.output, columns: OUTPUTS, b: &moment.second };
         product(self.simd, factors, Start::Bias(&self.weights.bias), &mut moment.outputs);
     }
 
     /// From the gradient with respect to the outputs, which is in their place, to those of the sums
-    /// of all layers, strand by strand.
+    /// of all layers, and all that the weights' gradients need in the order of their products.
     fn back(&self, buffers: &mut PacketBuffers) {
         let (width, weights) = (self.network.shape().width, self.weights);
         let PacketBuffers { moments, by_second, by_first, by_statics, .. } = buffers;
-        by_statics.fill(0.0);
-        for MomentBuffers { first, second, outputs, by_strand: to } in moments {
+        by_statics.fill(Row::zeroed());
+        for MomentBuffers { first, second, outputs, tiles, by } in moments {
             let factors = Factors { a: &weights.output_transposed, columns: width, b: outputs };
             product(self.simd, factors, Start::Zero, by_second);
             mask_rows(second, by_second);
             let factors = Factors { a: &weights.hidden_transposed, columns: width, b: by_second };
             product(self.simd, factors, Start::Zero, by_first);
             mask_rows(first, by_first);
-            let rows = [&*first, second, outputs, by_second, by_first];
-            rows.into_iter().zip(&mut *to).for_each(|(rows, to)| by_strand(rows, to));
-            by_statics.iter_mut().zip(&to[BY_FIRST]).for_each(|(sum, x)| *sum += x);
+            [&*first, second].into_iter().zip(tiles).for_each(|(x, to)| strands_by_tiles(x, to));
+            [&*by_first, by_second, outputs]
+                .into_iter()
+                .zip(&mut *by)
+                .for_each(|(x, to)| units_in_lanes(x, to));
+            let sums: &mut [f32] = bytemuck::cast_slice_mut(by_statics);
+            sums.iter_mut().zip(bytemuck::cast_slice(&by[FIRST])).for_each(|(sum, x): (_, &f32)| *sum += x);
         }
     }
 }
@@ -419,8 +447,8 @@ pub(crate) struct OfRow<'a> {
     pub drawn: &'a Drawn,
     /// The strands at rest.
     pub rest: &'a [&'a [[f32; 3]; PARTICLES]],
-    /// The row in a packet.
-    pub row: usize,
+    /// The number of the first of them in the frame.
+    pub first: usize,
     /// What each counts for.
     pub weights: &'a [f32],
     /// What the strands of the frame do to each other, at each moment; may be empty.
@@ -428,8 +456,8 @@ pub(crate) struct OfRow<'a> {
 }
 
 impl Aims<'_> {
-    /// The share of sixteen strands in the mean of a step; the outputs at each moment, rows of 64
-    /// strands, are replaced by the gradient with respect to them.
+    /// The share of sixteen strands in the mean of a step; the outputs at each moment, `[72]` rows,
+    /// are replaced by the gradient with respect to them.
     pub(crate) fn row(&self, of_row: &OfRow<'_>, outputs: &mut [&mut [Row<f32>]; MOMENTS]) -> f64 {
         let simd = self.simd;
         let run = on!(simd, energies(aims: &Aims<'_>, of_row: &OfRow<'_>, outputs: &mut [&mut [Row<f32>]; MOMENTS]) -> f64);
@@ -464,7 +492,7 @@ fn energies<L: Lane<Scalar = f32>>(
     of_row: &OfRow<'_>,
     outputs: &mut [&mut [Row<f32>]; MOMENTS],
 ) -> f64 {
-    let OfRow { drawn, rest, row, weights, between } = of_row;
+    let OfRow { drawn, rest, first: row, weights, between } = of_row;
     let clip = &aims.set.clips[drawn.clip];
     let newest = &clip[drawn.frame];
     let mut places = [Place { rotation: Mat3::splat(newest.rotation), origin: V3::<L>::zero() }; MOMENTS];
@@ -491,15 +519,15 @@ fn energies<L: Lane<Scalar = f32>>(
         let mut x = [zero::<L>(); MOMENTS];
         for ago in 0..MOMENTS {
             for k in 0..OUTPUTS {
-                u[ago][k / 3].0[k % 3] = L::load(&outputs[ago][k * TILE_ROWS + row], first);
+                u[ago][k / 3].0[k % 3] = L::load(&outputs[ago][k], first);
             }
             x[ago] = head.strand(&at_rest, &u[ago]);
         }
         let mut by_x = [zero::<L>(); MOMENTS];
         let (at_rest, shape) = (&at_rest, &shape);
-        let neighbours = Neighbours { moments: between, first: row * LANES % STRANDS + first };
+        let neighbours = Neighbours { moments: between, first: row + first };
         let drapes = drawn.drape.zip(aims.set.drapes.as_ref()).map(|(number, drapes)| {
-            let strand = row * LANES % STRANDS + first;
+            let strand = row + first;
             drapes.of(number).each_ref().map(|moment| load::<L>(&moment[strand..][..L::WIDTH]))
         });
         let drapes = drapes.as_ref();
@@ -514,7 +542,7 @@ fn energies<L: Lane<Scalar = f32>>(
             let by_u = head.gradient(&u[ago], &by_x[ago]);
             for k in 0..OUTPUTS {
                 let by = by_u[k / 3].0[k % 3] * share;
-                by.store(&mut outputs[ago][k * TILE_ROWS + row], first);
+                by.store(&mut outputs[ago][k], first);
             }
         }
     }

@@ -1,7 +1,8 @@
 //! Products over a batch that the ways back through networks share.
 
-use crate::network::product::{Factors, PACKET, Rows, Start, TILE_ROWS, product_of_columns, zero_rows};
-use forelock_core::lane::{Row, Simd};
+use crate::network::product::{Factors, PANELS, Panels, Start, in_panels, product, tile_by_tile};
+use bytemuck::Zeroable;
+use forelock_core::lane::{LANES, Row, Simd};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -39,6 +40,18 @@ pub(crate) fn bias_gradient(parts: &[&[f32]], sums: &mut [f32]) {
     }
 }
 
+/// The same of parts in panels, `[units / 16, strands]` rows of 16 units.
+pub(crate) fn bias_gradient_of_panels(parts: &[&[Row<f32>]], sums: &mut [f32]) {
+    sums.fill(0.0);
+    let panels = sums.len().div_ceil(LANES);
+    for part in parts {
+        let panels = part.chunks_exact(part.len() / panels);
+        for (sums, panel) in sums.chunks_mut(LANES).zip(panels) {
+            panel.iter().for_each(|row| sums.iter_mut().zip(row.0).for_each(|(sum, x)| *sum += x));
+        }
+    }
+}
+
 /// AᵀB of factors in parts, `[strands, m]` and `[strands, n]`: `[m, n]`, the gradient of a layer's
 /// weights from its inputs and from the gradient with respect to its sums. Each number is summed in
 /// the order of the strands.
@@ -49,29 +62,49 @@ pub(crate) fn weight_gradient(simd: Simd, [a, b]: [&[&[f32]]; 2], [m, n]: [usize
     let [of_a, of_b] =
         [(a, m), (b, n)].map(|(parts, units)| parts.iter().map(move |part| part.len() / units));
     assert!(of_a.eq(of_b), "parts of the factors");
-    let blocks: Vec<Rows> = (0..n.div_ceil(PACKET))
+    let chunks: Vec<[&[f32]; 2]> = a
+        .iter()
+        .zip(b)
+        .flat_map(|(a, b)| a.chunks(DEPTH * m).zip(b.chunks(DEPTH * n)).map(|(a, b)| [a, b]))
+        .collect();
+    let stored: Vec<(Vec<f32>, Panels)> =
+        chunks.into_par_iter().map(|[a, b]| (tile_by_tile(a, m), in_panels(b, n))).collect();
+    let (a, b): (Vec<&[f32]>, Vec<&[Row<f32>]>) =
+        stored.iter().map(|(a, b)| (a.as_slice(), b.as_slice())).unzip();
+    weight_gradient_of_panels(simd, &a, &b, [m, n], found);
+}
+
+/// The same of factors as products read them: parts of A `[strands, m]` tile by tile, those of B in
+/// panels, `[n / 16, strands]` rows of 16 columns.
+///
+/// # Panics
+/// If the strands of a part do not agree.
+pub(crate) fn weight_gradient_of_panels(
+    simd: Simd,
+    a: &[&[f32]],
+    b: &[&[Row<f32>]],
+    [m, n]: [usize; 2],
+    found: &mut [f32],
+) {
+    assert_eq!(a.len(), b.len(), "parts of the factors");
+    let all = n.div_ceil(LANES);
+    let blocks: Vec<Panels> = (0..all.div_ceil(PANELS))
         .into_par_iter()
         .map(|block| {
-            let columns = block * PACKET..n.min((block + 1) * PACKET);
-            let used = columns.len();
-            let (mut packed, mut c) = (zero_rows(DEPTH), zero_rows(m));
+            let panels = block * PANELS..all.min((block + 1) * PANELS);
+            let mut c = vec![Row::zeroed(); panels.len() * m];
             for (a, b) in a.iter().zip(b) {
-                for (a, b) in a.chunks(DEPTH * m).zip(b.chunks(DEPTH * n)) {
-                    for (packed, strand) in packed.chunks_exact_mut(TILE_ROWS).zip(b.chunks_exact(n)) {
-                        let packed: &mut [f32] = bytemuck::cast_slice_mut(packed);
-                        packed[..used].copy_from_slice(&strand[columns.clone()]);
-                    }
-                    let b = &packed[..b.len() / n * TILE_ROWS];
-                    product_of_columns(simd, Factors { a, columns: m, b }, used, Start::Sums, &mut c);
-                }
+                let strands = b.len() / all;
+                let b = &b[panels.start * strands..panels.end * strands];
+                product(simd, Factors { a, columns: m, b }, Start::Sums, &mut c);
             }
             c
         })
         .collect();
     found.par_chunks_exact_mut(n).with_min_len(ROWS).enumerate().for_each(|(row, found)| {
-        for (block, found) in blocks.iter().zip(found.chunks_mut(PACKET)) {
-            let from: &[f32] = bytemuck::cast_slice(&block[row * TILE_ROWS..(row + 1) * TILE_ROWS]);
-            found.copy_from_slice(&from[..found.len()]);
+        let panels = blocks.iter().flat_map(|block| block.chunks_exact(m));
+        for (panel, found) in panels.zip(found.chunks_mut(LANES)) {
+            found.copy_from_slice(&panel[row].0[..found.len()]);
         }
     });
 }

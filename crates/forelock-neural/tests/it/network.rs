@@ -3,10 +3,10 @@
 #![expect(clippy::unwrap_used, reason = "a test fails where its file is not as expected")]
 
 use crate::golden::{error, load, numbers, vectors};
-use forelock_core::lane::{Row, Simd, V3};
+use forelock_core::lane::{LANES, Row, Simd, V3};
 use forelock_neural::losses::Strand;
 use forelock_neural::network::inference::{Positions, Predictor};
-use forelock_neural::network::product::{Factors, PACKET, Start, TILE_ROWS, product};
+use forelock_neural::network::product::{Factors, Start, product, tile_by_tile};
 use forelock_neural::network::rotation::{Basis, basis, rotate, rotate_gradient};
 use forelock_neural::network::{
     Network, OUTPUTS, SHARED, STATICS, Shape, evaluate, shared_part, static_part,
@@ -80,27 +80,33 @@ fn random(count: usize, seed: u64) -> Vec<f64> {
 #[test]
 fn products_agree_with_sums_on_every_instruction_set() {
     for simd in Simd::ALL.into_iter().filter(|simd| simd.is_supported()) {
-        for (k, m) in [(1, 1), (7, 6), (66, 72), (256, 17)] {
+        for ((k, m), panels) in [((1, 1), 4), ((7, 6), 1), ((66, 72), 4), ((256, 17), 7), ((300, 5), 2)] {
             let [a, bias] = [to_f32(&random(k * m, 1)), to_f32(&random(m, 2))];
-            let b = to_f32(&random(k * PACKET, 3));
-            let rows: Vec<Row<f32>> = b.chunks_exact(16).map(|x| Row(x.try_into().unwrap())).collect();
+            let columns = LANES * panels;
+            let b = to_f32(&random(k * columns, 3));
+            let row = |at: usize| Row(b[at..at + LANES].try_into().unwrap());
+            let stored: Vec<Row<f32>> = (0..panels)
+                .flat_map(|panel| (0..k).map(move |k| k * columns + LANES * panel))
+                .map(row)
+                .collect();
             for (start, is_relu) in
                 [(Start::Zero, false), (Start::Bias(&bias), false), (Start::BiasRelu(&bias), true)]
             {
-                let mut c = vec![Row([f32::NAN; 16]); m * TILE_ROWS];
-                product(simd, Factors { a: &a, columns: m, b: &rows }, start, &mut c);
+                let mut c = vec![Row([f32::NAN; LANES]); m * panels];
+                product(simd, Factors { a: &tile_by_tile(&a, m), columns: m, b: &stored }, start, &mut c);
                 let mut expected = Vec::new();
-                for row in 0..m {
-                    for column in 0..PACKET {
+                for panel in 0..panels {
+                    for (row, column) in (0..m).flat_map(|row| (0..LANES).map(move |lane| (row, lane))) {
+                        let column = LANES * panel + column;
                         let begin = if matches!(start, Start::Zero) { 0.0 } else { f64::from(bias[row]) };
                         let terms =
-                            (0..k).map(|k| f64::from(a[k * m + row]) * f64::from(b[k * PACKET + column]));
+                            (0..k).map(|k| f64::from(a[k * m + row]) * f64::from(b[k * columns + column]));
                         let sum = begin + terms.sum::<f64>();
                         expected.push(if is_relu { sum.max(0.0) } else { sum });
                     }
                 }
                 let found: Vec<f64> = c.iter().flat_map(|row| row.0.map(f64::from)).collect();
-                assert!(error(&found, &expected) < 1e-5, "{simd:?} {k} {m}");
+                assert!(error(&found, &expected) < 1e-5, "{simd:?} {k} {m} {panels}");
             }
         }
     }
