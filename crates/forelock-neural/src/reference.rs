@@ -241,8 +241,16 @@ fn unknowns(x: &Strand<f64>) -> [f64; UNKNOWNS] {
     std::array::from_fn(|k| x[1 + k / 3].0[k % 3])
 }
 
-fn dot(a: &[f64; UNKNOWNS], b: &[f64; UNKNOWNS]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+/// The sum of products: eight independent sums, so that additions overlap.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    const PARTS: usize = 8;
+    let mut sums = [0.0; PARTS];
+    let ((a, a_last), (b, b_last)) = (a.as_chunks::<PARTS>(), b.as_chunks::<PARTS>());
+    for (a, b) in a.iter().zip(b) {
+        sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
+    }
+    let last: f64 = a_last.iter().zip(b_last).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f64>() + last
 }
 
 /// The largest number; NaN if one is.
@@ -269,7 +277,7 @@ fn factor(hessian: &[[f64; UNKNOWNS]]) -> Option<(Factors, f64)> {
 fn cholesky(mut a: Factors, shift: f64) -> Option<Factors> {
     for k in 0..UNKNOWNS {
         for l in 0..=k {
-            let sum: f64 = (0..l).map(|j| a[k][j] * a[l][j]).sum();
+            let sum = dot(&a[k][..l], &a[l][..l]);
             let left = a[k][l] - sum + if k == l { shift } else { 0.0 };
             if k > l {
                 a[k][l] = left / a[l][l];
@@ -286,13 +294,13 @@ fn cholesky(mut a: Factors, shift: f64) -> Option<Factors> {
 /// Solves L Lᵀ x = b.
 fn solve(lower: &[[f64; UNKNOWNS]], b: &[f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
     let mut x = *b;
-    for k in 0..UNKNOWNS {
-        let sum: f64 = (0..k).map(|j| lower[k][j] * x[j]).sum();
-        x[k] = (x[k] - sum) / lower[k][k];
+    for (k, row) in lower.iter().enumerate() {
+        x[k] = (x[k] - dot(&row[..k], &x[..k])) / row[k];
     }
-    for k in (0..UNKNOWNS).rev() {
-        let sum: f64 = (k + 1..UNKNOWNS).map(|j| lower[j][k] * x[j]).sum();
-        x[k] = (x[k] - sum) / lower[k][k];
+    for (k, row) in lower.iter().enumerate().rev() {
+        let (before, own) = x.split_at_mut(k);
+        own[0] /= row[k];
+        before.iter_mut().zip(row).for_each(|(x, factor)| *x -= factor * own[0]);
     }
     x
 }

@@ -48,8 +48,8 @@ pub struct StrandNetwork<'a> {
     pub output_bias: &'a [f32],
     /// Whether outputs are displacements; else they are rotations.
     pub displaces: bool,
-    /// The first layer's sums of strands with its bias: for each four blocks of the model
-    /// `[256, 4]` rows.
+    /// The first layer's sums of strands with its bias: for each block of the model `[256]` rows,
+    /// filled up to four blocks.
     pub sums: &'a [Row<f32>],
     /// For each block where its blends begin, one an edge; none where its edges are the network's.
     pub blend_starts: &'a [Option<u32>],
@@ -214,7 +214,7 @@ impl DeviceNetwork {
             let mut sums = vec![0.0f32; packets * WIDTH * PACKET * LANES];
             for (own, block) in blocks.clone().enumerate() {
                 for k in 0..WIDTH {
-                    let from = network.sums[(block / PACKET * WIDTH + k) * PACKET + block % PACKET];
+                    let from = network.sums[block * WIDTH + k];
                     let to = ((own / PACKET * WIDTH + k) * PACKET + own % PACKET) * LANES;
                     sums[to..to + LANES].copy_from_slice(&from.0);
                 }

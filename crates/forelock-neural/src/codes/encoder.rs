@@ -14,13 +14,12 @@ use super::encode::run_layers;
 use crate::PARTICLES;
 use crate::network::product::{
     Factors, PACKET, Panels, Start, product, size_by_tiles, strands_by_tiles, tile_by_tile, to_panels,
-    transpose, units_in_lanes, zero_panels,
+    transposed_by_tiles, units_in_lanes, zero_panels, zero_unit_panels,
 };
 use crate::random::Random;
 use crate::train::adam::Adam;
 use crate::train::layers::{bias_gradient_of_panels, mask_rows, weight_gradient_of_panels};
-use bytemuck::Zeroable;
-use forelock_core::lane::{LANES, Row, Simd};
+use forelock_core::lane::{Row, Simd};
 use rayon::prelude::*;
 
 /// Numbers of a strand that are encoded.
@@ -33,8 +32,9 @@ const SIZES: [usize; 7] = [INPUTS, 256, 256, CODE, 256, 256, INPUTS];
 pub(crate) const ENCODER: usize = 3;
 /// Layers of both.
 const LAYERS: usize = SIZES.len() - 1;
-/// Strands of a step.
+/// Strands of a step: whole packets, for all strands of a packet count.
 const BATCH: usize = 256;
+const _: () = assert!(BATCH.is_multiple_of(PACKET));
 
 /// How to train codes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,7 +74,7 @@ fn has_relu(layer: usize) -> bool {
 }
 
 /// What a packet of 64 strands leaves for the gradients of all layers.
-struct Stored {
+struct GradientFactors {
     /// The inputs of each layer, `[64, inputs]`, tile by tile.
     inputs: Vec<Vec<f32>>,
     /// The gradient with respect to the sums of each layer: `[units / 16, 64]` rows of 16 units.
@@ -115,18 +115,16 @@ impl StrandCodes {
 
     /// The gradient of the mean squared error of a batch.
     fn gradient(&self, simd: Simd, batch: &[&[f32]]) -> Vec<Layer> {
-        let stored: Vec<[Vec<f32>; 2]> = self
+        let weights: Vec<[Vec<f32>; 2]> = self
             .layers
             .iter()
             .map(|layer| {
                 let columns = layer.bias.len();
-                let mut to = vec![0.0; layer.weights.len()];
-                transpose(&layer.weights, columns, &mut to);
-                [tile_by_tile(&layer.weights, columns), tile_by_tile(&to, to.len() / columns)]
+                [tile_by_tile(&layer.weights, columns), transposed_by_tiles(&layer.weights, columns)]
             })
             .collect();
-        let packets: Vec<Stored> =
-            batch.par_chunks(PACKET).map(|strands| self.packet(simd, strands, &stored)).collect();
+        let packets: Vec<GradientFactors> =
+            batch.par_chunks(PACKET).map(|strands| self.packet(simd, strands, &weights)).collect();
         (0..LAYERS)
             .map(|layer| {
                 let [m, n] = [SIZES[layer], SIZES[layer + 1]];
@@ -141,22 +139,22 @@ impl StrandCodes {
             .collect()
     }
 
-    /// The way of 64 strands through all layers and back; `stored` are the weights of each layer and
+    /// The way of 64 strands through all layers and back; `weights` are those of each layer and
     /// their transposes, tile by tile.
-    fn packet(&self, simd: Simd, strands: &[&[f32]], stored: &[[Vec<f32>; 2]]) -> Stored {
-        let mut rows = vec![zero_panels(INPUTS)];
-        to_panels(strands.iter().copied(), &mut rows[0]);
+    fn packet(&self, simd: Simd, strands: &[&[f32]], weights: &[[Vec<f32>; 2]]) -> GradientFactors {
+        let mut panels = vec![zero_panels(INPUTS)];
+        to_panels(strands.iter().copied(), &mut panels[0]);
         for (number, layer) in self.layers.iter().enumerate() {
             let mut c = zero_panels(layer.bias.len());
-            let factors = Factors { a: &stored[number][0], columns: layer.bias.len(), b: &rows[number] };
+            let factors = Factors { a: &weights[number][0], columns: layer.bias.len(), b: &panels[number] };
             let start =
                 if has_relu(number) { Start::BiasRelu(&layer.bias) } else { Start::Bias(&layer.bias) };
             product(simd, factors, start, &mut c);
-            rows.push(c);
+            panels.push(c);
         }
         let scale = 2.0 / (BATCH * INPUTS) as f32;
         let mut by = zero_panels(INPUTS);
-        for ((by, found), expected) in by.iter_mut().zip(&rows[LAYERS]).zip(&rows[0]) {
+        for ((by, found), expected) in by.iter_mut().zip(&panels[LAYERS]).zip(&panels[0]) {
             by.0 = std::array::from_fn(|lane| scale * (found.0[lane] - expected.0[lane]));
         }
         let by_tiles = |(panels, units): (&Panels, &usize)| {
@@ -164,23 +162,23 @@ impl StrandCodes {
             strands_by_tiles(panels, &mut to);
             to
         };
-        let inputs = rows[..LAYERS].iter().zip(&SIZES).map(by_tiles).collect();
+        let inputs = panels[..LAYERS].iter().zip(&SIZES).map(by_tiles).collect();
         let mut by_sums = vec![Vec::new(); LAYERS];
         for number in (0..LAYERS).rev() {
             if has_relu(number) {
-                mask_rows(&rows[number + 1], &mut by);
+                mask_rows(&panels[number + 1], &mut by);
             }
-            by_sums[number] = vec![Row::zeroed(); SIZES[number + 1].div_ceil(LANES) * PACKET];
+            by_sums[number] = zero_unit_panels(SIZES[number + 1]);
             units_in_lanes(&by, &mut by_sums[number]);
             if number == 0 {
                 break;
             }
             let mut below = zero_panels(SIZES[number]);
-            let factors = Factors { a: &stored[number][1], columns: SIZES[number], b: &by };
+            let factors = Factors { a: &weights[number][1], columns: SIZES[number], b: &by };
             product(simd, factors, Start::Zero, &mut below);
             by = below;
         }
-        Stored { inputs, by_sums }
+        GradientFactors { inputs, by_sums }
     }
 
     /// The encoder alone: what a model keeps.

@@ -14,7 +14,7 @@
 use super::{DEPTH, LAYERS, Level, MapNetwork, MapStrands, Pass, TEXELS, Weights, apply, parameters, ranges};
 use crate::PARTICLES;
 use crate::network::product::{
-    PACKET, PANELS, Start, by_strand, tile_by_tile, to_panels, transpose, zero_panels,
+    PACKET, PANELS, Start, by_strand, to_panels, transposed_by_tiles, zero_panels,
 };
 use crate::network::rotation::basis;
 use crate::network::{OUTPUTS, SHARED};
@@ -145,11 +145,12 @@ impl MapTrainer {
                 panels
             });
             let mut energy = 0.0;
-            for row in 0..PANELS {
-                let mut outputs = panels.each_mut().map(|panels| &mut panels[row * OUTPUTS..][..OUTPUTS]);
-                let rest = &rest[row * LANES..][..LANES];
+            for panel in 0..PANELS {
+                let mut outputs = panels.each_mut().map(|panels| &mut panels[panel * OUTPUTS..][..OUTPUTS]);
+                let first_strand = panel * LANES;
+                let rest = &rest[first_strand..][..LANES];
                 let weights = &[1.0; LANES];
-                energy += aims.row(&OfRow { drawn, rest, first: 0, weights, between: &[] }, &mut outputs);
+                energy += aims.row(&OfRow { drawn, rest, first_strand, weights, between: &[] }, &mut outputs);
             }
             let strands = panels.each_ref().map(|panels| {
                 let mut to = vec![0.0; DRAWN * OUTPUTS];
@@ -211,9 +212,7 @@ fn back(simd: Simd, weights: &Weights, levels: &[Level], mut by: Vec<f32>) -> Ve
             break;
         }
         let [matrix, _] = weights.of(number);
-        let mut transposed = vec![0.0; matrix.len()];
-        transpose(matrix, layer.outputs, &mut transposed);
-        let tiles = tile_by_tile(&transposed, layer.inputs);
+        let tiles = transposed_by_tiles(matrix, layer.outputs);
         let by_inputs = apply(simd, &tiles, [layer.outputs, layer.inputs], Start::Zero, &by);
         // Each pixel is one child of one pixel of the level before.
         let (before, parents) = (&levels[number - 1], &LAYERS[number - 1]);

@@ -22,7 +22,7 @@ use rayon::prelude::*;
 #[derive(Clone, Debug)]
 pub struct Strands {
     count: usize,
-    /// The first layer's sums of strands, a packet after the other: `[width, 4]` rows.
+    /// The first layer's sums of 16 strands after the other, whole packets: `[width]` rows each.
     sums: Panels,
     /// Roots and edges at rest, cm, a row of strands after the other: `[25, 3]` rows.
     rest: Panels,

@@ -10,9 +10,10 @@
 //! of AVX2) while K runs; each step loads 64 (16) numbers of B and broadcasts 6 of A. Each number
 //! of C is summed in the order of K, whatever the tile and the number of threads.
 //!
-//! Both factors are stored in the order in which they are read, so that no cache lines evict each
-//! other: A tile by tile ([`tile_by_tile`]), B and C in panels of 16 columns. With AVX2 a panel of
-//! B stays in the first-level cache while all tiles of A pass.
+//! Both factors are stored in the order in which they are read: A tile by tile
+//! ([`tile_by_tile`]), B and C in panels of 16 columns. Rows of 256 numbers are a kilobyte apart,
+//! so that the lines of a column fall into few sets of a cache and evict each other. With AVX2 a
+//! panel of B stays in the first-level cache while all tiles of A pass.
 
 #![expect(clippy::needless_range_loop, reason = "loops with one index for several arrays vectorise")]
 
@@ -27,7 +28,8 @@ pub const PACKET: usize = PANELS * LANES;
 /// Columns of A in a tile.
 const TILE: usize = 6;
 
-/// The numbers of 64 strands: `[4, units]` rows of 16 strands.
+/// A matrix as rows of 16 columns, a panel after the other: `[columns / 16, rows]`. The numbers of
+/// a packet are `[4, units]` rows of 16 strands, or `[units / 16, 64]` rows of 16 units.
 pub(crate) type Panels = Vec<Row<f32>>;
 
 /// `units` numbers of 64 strands, all zero.
@@ -35,10 +37,16 @@ pub(crate) fn zero_panels(units: usize) -> Panels {
     vec![Row::zeroed(); units * PANELS]
 }
 
+/// `units` numbers of 64 strands as rows of 16 units, all zero.
+pub(crate) fn zero_unit_panels(units: usize) -> Panels {
+    vec![Row::zeroed(); units.div_ceil(LANES) * PACKET]
+}
+
 /// Up to 64 strands, `[units]` each, as panels.
 pub(crate) fn to_panels<'a>(strands: impl Iterator<Item = &'a [f32]>, panels: &mut [Row<f32>]) {
     let units = panels.len() / PANELS;
     for (s, strand) in strands.enumerate() {
+        debug_assert_eq!(strand.len(), units, "units of a strand");
         let panel = &mut panels[s / LANES * units..][..units];
         panel.iter_mut().zip(strand).for_each(|(row, x)| row.0[s % LANES] = *x);
     }
@@ -46,17 +54,19 @@ pub(crate) fn to_panels<'a>(strands: impl Iterator<Item = &'a [f32]>, panels: &m
 
 /// Panels of 64 strands to strand by strand, `[64][units]`.
 pub(crate) fn by_strand(panels: &[Row<f32>], to: &mut [f32]) {
+    assert_eq!(to.len(), LANES * panels.len(), "numbers of 64 strands");
     let units = panels.len() / PANELS;
     for (panel, to) in panels.chunks_exact(units).zip(to.chunks_exact_mut(LANES * units)) {
         transpose(bytemuck::cast_slice(panel), LANES, to);
     }
 }
 
-/// Panels of 64 strands, `units` numbers each, to panels of the other factor of a weight's
-/// gradient: `[units / 16, 64]` rows of 16 units. What is after the last unit stays as it is.
+/// Panels of 64 strands to B of a weight's gradient, the matrix `[64, units]` in panels of 16 units:
+/// `[units / 16, 64]` rows. What is after the last unit stays as it is.
 pub(crate) fn units_in_lanes(panels: &[Row<f32>], to: &mut [Row<f32>]) {
     const BLOCK: usize = 4;
     let units = panels.len() / PANELS;
+    assert_eq!(to.len(), units.div_ceil(LANES) * PACKET, "rows of 16 units");
     for (p, panel) in panels.chunks_exact(units).enumerate() {
         for (rows, to) in panel.chunks(LANES).zip(to.chunks_exact_mut(PACKET)) {
             let to = &mut to[p * LANES..][..LANES];
@@ -79,10 +89,11 @@ pub(crate) fn units_in_lanes(panels: &[Row<f32>], to: &mut [Row<f32>]) {
     }
 }
 
-/// Panels of 64 strands as the matrix `[64, units]`, tile by tile. What is after the last unit
-/// stays as it is.
+/// Panels of 64 strands to A of a weight's gradient, the matrix `[64, units]` tile by tile. What is
+/// after the last unit stays as it is.
 pub(crate) fn strands_by_tiles(panels: &[Row<f32>], to: &mut [f32]) {
     let units = panels.len() / PANELS;
+    assert_eq!(to.len(), size_by_tiles(PACKET, units), "tiles of 64 strands");
     for (first, tile) in (0..units).step_by(TILE).zip(to.chunks_exact_mut(PACKET * TILE)) {
         for (panel, to) in panels.chunks_exact(units).zip(tile.chunks_exact_mut(LANES * TILE)) {
             let rows = &panel[first..units.min(first + TILE)];
@@ -145,9 +156,17 @@ pub fn tile_by_tile(a: &[f32], columns: usize) -> Vec<f32> {
     tiles
 }
 
-/// The same into `tiles`, whose numbers after the last column stay as they are.
+/// The transpose of `a`, `[rows, columns]`, tile by tile.
+pub(crate) fn transposed_by_tiles(a: &[f32], columns: usize) -> Vec<f32> {
+    let mut transposed = vec![0.0; a.len()];
+    transpose(a, columns, &mut transposed);
+    tile_by_tile(&transposed, a.len() / columns)
+}
+
+/// The same as [`tile_by_tile`] into `tiles`, whose numbers after the last column stay as they are.
 pub(crate) fn to_tiles(a: &[f32], columns: usize, tiles: &mut [f32]) {
     let rows = a.len() / columns;
+    assert_eq!(tiles.len(), size_by_tiles(rows, columns), "tiles of the matrix");
     for (tile, first) in tiles.chunks_exact_mut(rows * TILE).zip((0..columns).step_by(TILE)) {
         let used = TILE.min(columns - first);
         for (to, row) in tile.chunks_exact_mut(TILE).zip(a.chunks_exact(columns)) {
@@ -204,9 +223,10 @@ impl Factors<'_> {
 /// C = AᵀB + C₀: `c` is `[panels, M]` rows, 16 columns a panel.
 ///
 /// # Panics
-/// If the lengths of the slices do not agree.
+/// If the lengths of the slices do not agree, or K or M is 0.
 pub fn product(simd: Simd, factors: Factors<'_>, start: Start<'_>, c: &mut [Row<f32>]) {
     let Factors { a, columns, b } = factors;
+    assert!(columns > 0, "columns of A");
     let depth = factors.depth();
     assert!(depth > 0 && a.len() == size_by_tiles(depth, columns), "tiles of A");
     assert_eq!(b.len() * columns, c.len() * depth, "panels of B and of C");

@@ -23,7 +23,7 @@ use crate::losses::{Strand, zero};
 use crate::network::head::Head;
 use crate::network::product::{
     Factors, PACKET, Panels, Start, product, size_by_tiles, strands_by_tiles, tile_by_tile, to_panels,
-    to_tiles, transpose, units_in_lanes, zero_panels,
+    to_tiles, transposed_by_tiles, units_in_lanes, zero_panels, zero_unit_panels,
 };
 use crate::network::rotation::{Basis, fold};
 use crate::network::{Network, OUTPUTS, STATICS, Shape};
@@ -60,22 +60,18 @@ pub(super) struct Workspace {
     found: Vec<f32>,
     by_frame_sums: Vec<f32>,
     packets: Vec<PacketBuffers>,
-    /// The weights that a step multiplies with.
-    weights: Folded,
 }
 
-/// The weights of a step, tile by tile, the last layer with B/2 folded in, and the transposes that
-/// the way back needs.
-#[derive(Debug, Default)]
-struct Folded {
-    /// The last layer's weights, not in tiles, and its bias.
-    last: Vec<f32>,
-    bias: Vec<f32>,
+/// The weights of a step, tile by tile, and the transposes that the way back needs. B/2 is folded
+/// into the last layer and its bias.
+#[derive(Debug)]
+struct StepWeights {
     statics: Vec<f32>,
     hidden: Vec<f32>,
+    hidden_transposed: Vec<f32>,
     output: Vec<f32>,
     output_transposed: Vec<f32>,
-    hidden_transposed: Vec<f32>,
+    output_bias: Vec<f32>,
 }
 
 /// Buffers of a packet: numbers of 64 strands in panels, and in the order of the products that give
@@ -111,7 +107,7 @@ struct MomentBuffers {
     by: [Panels; 3],
 }
 
-/// Numbers of the layers.
+/// Indices into [`MomentBuffers::tiles`] and [`MomentBuffers::by`].
 const FIRST: usize = 0;
 const SECOND: usize = 1;
 const OUTPUT: usize = 2;
@@ -119,7 +115,6 @@ const OUTPUT: usize = 2;
 impl PacketBuffers {
     fn new(shape: Shape) -> Self {
         let tiles = |units: usize| vec![0.0; size_by_tiles(PACKET, units)];
-        let by = |units: usize| vec![Row::zeroed(); units.div_ceil(LANES) * PACKET];
         let width = shape.width;
         Self {
             statics: vec![0.0; shape.statics * PACKET],
@@ -131,11 +126,11 @@ impl PacketBuffers {
                 second: zero_panels(width),
                 outputs: zero_panels(shape.outputs),
                 tiles: [width, width].map(tiles),
-                by: [width, width, shape.outputs].map(by),
+                by: [width, width, shape.outputs].map(zero_unit_panels),
             }),
             by_second: zero_panels(width),
             by_first: zero_panels(width),
-            by_statics: by(width),
+            by_statics: zero_unit_panels(width),
             energy: 0.0,
         }
     }
@@ -154,7 +149,7 @@ pub(super) struct Batch<'a> {
 struct Step<'a> {
     simd: Simd,
     network: &'a Network<f32>,
-    weights: &'a Folded,
+    weights: &'a StepWeights,
     goal: &'a Goal,
     set: &'a TrainingSet,
     drawn: &'a [Drawn; FRAMES],
@@ -168,7 +163,6 @@ impl Workspace {
             found: vec![0.0; shape.parameters()],
             by_frame_sums: Vec::new(),
             packets: (0..PACKETS).map(|_| PacketBuffers::new(shape)).collect(),
-            weights: Folded::default(),
         }
     }
 
@@ -194,8 +188,7 @@ impl Workspace {
         batch: &Batch<'_>,
     ) -> f64 {
         let Batch { set, drawn, frames } = *batch;
-        self.weights.fold(network, goal.basis(basis));
-        let weights = &self.weights;
+        let weights = &StepWeights::new(network, goal.basis(basis));
         let step = Step { simd, network, weights, goal, set, drawn, frames: &frames.sums };
         self.packets.par_iter_mut().enumerate().for_each(|(number, packet)| step.packet(number, packet));
         self.weight_gradients(simd, network.shape(), goal.basis(basis), &frames.inputs);
@@ -249,26 +242,23 @@ impl Workspace {
     }
 }
 
-impl Folded {
-    fn fold(&mut self, network: &Network<f32>, basis: Option<&Basis>) {
+impl StepWeights {
+    fn new(network: &Network<f32>, basis: Option<&Basis>) -> Self {
         let [statics, _, _, hidden, _, output, bias] = network.parts();
         let width = network.shape().width;
-        self.statics = tile_by_tile(statics, width);
-        self.last = output.to_vec();
-        self.bias = bias.to_vec();
+        let (mut last, mut output_bias) = (output.to_vec(), bias.to_vec());
         if let Some(basis) = basis {
-            let rows = self.last.par_chunks_exact_mut(OUTPUTS).with_min_len(FOLDED);
+            let rows = last.par_chunks_exact_mut(OUTPUTS).with_min_len(FOLDED);
             rows.for_each(|row| fold(row, basis));
-            fold(&mut self.bias, basis);
+            fold(&mut output_bias, basis);
         }
-        let of_both = |weights: &[f32], columns: usize| {
-            let mut transposed = vec![0.0; weights.len()];
-            transpose(weights, columns, &mut transposed);
-            [tile_by_tile(weights, columns), tile_by_tile(&transposed, width)]
-        };
-        let (of_hidden, of_output) = rayon::join(|| of_both(hidden, width), || of_both(&self.last, OUTPUTS));
-        [self.hidden, self.hidden_transposed] = of_hidden;
-        [self.output, self.output_transposed] = of_output;
+        let (hidden, output) = rayon::join(
+            || [tile_by_tile(hidden, width), transposed_by_tiles(hidden, width)],
+            || [tile_by_tile(&last, OUTPUTS), transposed_by_tiles(&last, OUTPUTS)],
+        );
+        let ([hidden, hidden_transposed], [output, output_transposed]) = (hidden, output);
+        let statics = tile_by_tile(statics, width);
+        Self { statics, hidden, hidden_transposed, output, output_transposed, output_bias }
     }
 }
 
@@ -328,13 +318,13 @@ impl Step<'_> {
         let aims = Aims { simd: self.simd, goal: self.goal, set: self.set, strands: BATCH };
         let between = self.between(drawn, &rest, buffers);
         for (row, rest) in rest.chunks_exact(LANES).enumerate() {
-            let of_row = row * OUTPUTS..(row + 1) * OUTPUTS;
-            let mut outputs = buffers.moments.each_mut().map(|moment| &mut moment.outputs[of_row.clone()]);
-            let (frame, first) = (row * LANES / STRANDS, row * LANES % STRANDS);
-            let weights = &drawn[frame].weights[first..][..LANES];
-            let of_row = OfRow { drawn: &drawn[frame], rest, first, weights, between: &between[frame] };
-            let energy = aims.row(&of_row, &mut outputs);
-            buffers.energy += energy;
+            let mut outputs =
+                buffers.moments.each_mut().map(|moment| &mut moment.outputs[row * OUTPUTS..][..OUTPUTS]);
+            let (frame, first_strand) = (row * LANES / STRANDS, row * LANES % STRANDS);
+            let weights = &drawn[frame].weights[first_strand..][..LANES];
+            let (drawn, between) = (&drawn[frame], between[frame].as_slice());
+            let of_row = OfRow { drawn, rest, first_strand, weights, between };
+            buffers.energy += aims.row(&of_row, &mut outputs);
         }
         self.back(buffers);
     }
@@ -403,7 +393,7 @@ impl Step<'_> {
         let factors = Factors { a: &self.weights.hidden, columns: width, b: &moment.first };
         product(self.simd, factors, Start::BiasRelu(second_bias), &mut moment.second);
         let factors = Factors { a: &self.weights.output, columns: OUTPUTS, b: &moment.second };
-        product(self.simd, factors, Start::Bias(&self.weights.bias), &mut moment.outputs);
+        product(self.simd, factors, Start::Bias(&self.weights.output_bias), &mut moment.outputs);
     }
 
     /// From the gradient with respect to the outputs, which is in their place, to those of the sums
@@ -448,7 +438,7 @@ pub(crate) struct OfRow<'a> {
     /// The strands at rest.
     pub rest: &'a [&'a [[f32; 3]; PARTICLES]],
     /// The number of the first of them in the frame.
-    pub first: usize,
+    pub first_strand: usize,
     /// What each counts for.
     pub weights: &'a [f32],
     /// What the strands of the frame do to each other, at each moment; may be empty.
@@ -492,7 +482,7 @@ fn energies<L: Lane<Scalar = f32>>(
     of_row: &OfRow<'_>,
     outputs: &mut [&mut [Row<f32>]; MOMENTS],
 ) -> f64 {
-    let OfRow { drawn, rest, first: row, weights, between } = of_row;
+    let OfRow { drawn, rest, first_strand, weights, between } = of_row;
     let clip = &aims.set.clips[drawn.clip];
     let newest = &clip[drawn.frame];
     let mut places = [Place { rotation: Mat3::splat(newest.rotation), origin: V3::<L>::zero() }; MOMENTS];
@@ -525,9 +515,9 @@ fn energies<L: Lane<Scalar = f32>>(
         }
         let mut by_x = [zero::<L>(); MOMENTS];
         let (at_rest, shape) = (&at_rest, &shape);
-        let neighbours = Neighbours { moments: between, first: row + first };
+        let neighbours = Neighbours { moments: between, first: first_strand + first };
         let drapes = drawn.drape.zip(aims.set.drapes.as_ref()).map(|(number, drapes)| {
-            let strand = row + first;
+            let strand = first_strand + first;
             drapes.of(number).each_ref().map(|moment| load::<L>(&moment[strand..][..L::WIDTH]))
         });
         let drapes = drapes.as_ref();

@@ -6,7 +6,8 @@ use forelock_core::lane::{LANES, Row, Simd};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Strands that a product sums before the next tile: their numbers stay in the second-level cache.
+/// Rows of factors that come whole which a product sums before the next tile: they stay in the
+/// second-level cache.
 const DEPTH: usize = 64;
 /// Minimum number of rows of a product that a task copies.
 const ROWS: usize = 64;

@@ -221,3 +221,11 @@ fn the_rate_rises_over_at_most_a_tenth_of_the_steps() {
     assert_eq!([0, 1, 2].map(|done| rise(20, done)), [0.5, 1.0, 1.0]);
     assert_eq!([0, 1].map(|steps| rise(steps, 0)), [1.0, 1.0]);
 }
+
+#[test]
+fn the_extra_margin_counts_in_training_alone() {
+    let options = Options { extra_margin: 0.3, steps: 100, ..Options::default() };
+    let margin = options.energies.body.margin;
+    assert_eq!([0, 99].map(|done| options.energies_at(done).body.margin), [margin + 0.3; 2]);
+    assert_eq!(options.energies.terms().body.margin, margin);
+}

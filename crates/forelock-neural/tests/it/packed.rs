@@ -103,6 +103,27 @@ fn predict_with(predictor: &Predictor, hair: &Hair, pose: &Pose) -> Vec<DVec3> {
     found
 }
 
+/// What a GPU takes: the first layer's sums, block after block. The last packet is not full.
+#[test]
+fn sums_of_strands_are_stored_block_after_block() {
+    let hair = hair(&[25; 16 * 5 + 3], 0.0);
+    let model = Model::<f32>::new(&Strands::new(&hair.positions, &hair.offsets)).unwrap();
+    let statics = numbers(STATICS * model.strand_count, 7);
+    let network = network();
+    let predictor = Predictor::displacing(&network, Simd::Auto).unwrap();
+    let strands = predictor.prepare_packed(&model, &statics).unwrap();
+    let width = network.shape().width;
+    assert_eq!((model.blocks.len(), strands.sums().len()), (6, 8 * width));
+    for (block, sums) in model.blocks.iter().zip(strands.sums().chunks_exact(width)) {
+        for (lane, strand) in block.strands[..block.live].iter().enumerate() {
+            let expected = static_part(&network, &statics[STATICS * *strand as usize..][..STATICS]);
+            for (sum, expected) in sums.iter().zip(expected) {
+                assert!((sum.0[lane] - expected).abs() < 1e-5, "{strand}: {} {expected}", sum.0[lane]);
+            }
+        }
+    }
+}
+
 /// The positions of a strand with particles `rest` whose network gives the displacements `o`.
 fn displaced(rest: &[DVec3], o: &[f64]) -> Vec<DVec3> {
     let o: Vec<DVec3> = o.chunks_exact(3).map(DVec3::from_slice).collect();

@@ -28,8 +28,8 @@ forelock_core::documented! {
 pub struct TrainingConfig {
     /// What the defaults of the other keys are: "default", or "paper" for those of the paper where
     /// they differ, which move little: displacements, direct transport, the energy of a step with
-    /// repulsion and printed adhesion but without drag and tail, no steps for the drape, and a
-    /// lower learning rate.
+    /// repulsion and printed adhesion but without drag, tail and extra margin, no steps for the
+    /// drape, and a lower learning rate.
     /// Default "default".
     pub preset: TrainingPreset,
     /// Seed of everything random. No unit, default 1, range 0 or more; 0 is a seed like any other.
@@ -65,7 +65,8 @@ impl TrainingPreset {
             Self::Default => "",
             Self::Paper => {
                 "method = { head = \"displacement\", objective = \"step\", transport = \"direct\" }\n\
-                 energies = { drag = 0, tail = 100, repulsion = 5, adhesion = 2, adhesion_printed = true }\n\
+                 energies = { drag = 0, extra_margin = 0, tail = 100, repulsion = 5, adhesion = 2, \
+                 adhesion_printed = true }\n\
                  steps = { rate = 5e-4, drape = 0 }\n"
             }
         }
@@ -167,6 +168,9 @@ pub struct TrainedEnergies {
     pub body: f64,
     /// Distance at which the body begins to push. Unit cm, default 0.5, range 0 to 10.
     pub margin: f64,
+    /// Added to `margin` in training alone, so that the network's errors leave less hair inside the
+    /// body; "drapes" are computed without it. Unit cm, default 0.02, range 0 to 10.
+    pub extra_margin: f64,
     /// Depth at which its push stops growing. Unit cm, default 1.5, range 0.01 to 100.
     pub tail: f64,
     /// Stiffness that keeps hair near the body in its rest shape. Unit g/s², default 0, range 0 to
@@ -199,9 +203,9 @@ forelock_core::documented! {
 pub struct TrainingSteps {
     /// Steps of the strand codes. Unit steps, default 4000, range 1 to 1000000.
     pub codes: u32,
-    /// Steps of the simulator. Unit steps, default 19000, range 1 to 10000000.
+    /// Steps of the simulator. Unit steps, default 21000, range 1 to 10000000.
     pub simulator: u32,
-    /// Learning rate at the start, after a rise over at most 300 steps. No unit, default 0.003,
+    /// Learning rate at the start, after a rise over at most 300 steps. No unit, default 0.002,
     /// range 1e-7 to 1.
     pub rate: f64,
     /// Learning rate in the end, as a share of that. No unit, default 0.02, range 0 to 1.
@@ -210,7 +214,7 @@ pub struct TrainingSteps {
     /// range 0 to 1.
     pub drape: f64,
     /// Steps between two measurements on strands and motions that are not trained. Unit steps,
-    /// default 500, range 1 to 1000000.
+    /// default 1000, range 1 to 1000000.
     pub measure_every: u32,
     /// Whether the network of the best of those measurements is the result, rather than the last
     /// one, for which nothing is measured until the end. Default true.
@@ -277,6 +281,7 @@ impl Default for TrainedEnergies {
             drag: motion.drag,
             body: body.stiffness,
             margin: body.margin,
+            extra_margin: Options::default().extra_margin,
             tail: body.tail,
             style: 0.0,
             style_range: style.range,
@@ -291,14 +296,14 @@ impl Default for TrainedEnergies {
 
 impl Default for TrainingSteps {
     fn default() -> Self {
-        let Options { rate, last_rate, warm_start, .. } = Options::default();
+        let Options { steps, rate, last_rate, warm_start, .. } = Options::default();
         Self {
             codes: 4000,
-            simulator: 19_000,
+            simulator: steps,
             rate,
             last_rate,
             drape: warm_start,
-            measure_every: 500,
+            measure_every: 1000,
             choose_best: true,
         }
     }
@@ -431,6 +436,7 @@ impl TrainingConfig {
             last_rate: self.steps.last_rate,
             warm_start: self.steps.drape,
             energies,
+            extra_margin: own.extra_margin,
             objective: self.method.objective,
             head: self.method.head,
             lock_codes: self.method.lock_codes,

@@ -124,6 +124,7 @@ fn the_papers_preset_gives_way_to_keys() {
     let options = own.options();
     assert_eq!(options.head, forelock_neural::model::OutputHead::Displacement);
     assert_eq!((options.rate, options.warm_start, options.energies.motion.drag), (5e-4, 0.0, 2.0));
+    assert_eq!(options.extra_margin, 0.0);
     assert!(options.energies.prints_adhesion && options.energies.repulsion.is_some());
     assert_eq!(own.energies.body, 2000.0, "of the other keys");
     let again = TrainingConfig::parse(&own.to_toml(), Path::new("again.toml"), &[]).unwrap();

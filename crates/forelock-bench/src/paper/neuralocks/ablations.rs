@@ -51,6 +51,7 @@ const ALL: [Variant; 14] = [
             "method.objective=step",
             "energies.drag=0",
             "energies.tail=100",
+            "energies.extra_margin=0",
             "steps.drape=0",
             "steps.rate=5e-4",
         ],
