@@ -151,6 +151,7 @@ fn orthonormalize_block(simd: Simd, rows: &mut [f32], size: usize) {
 
 /// [`orthonormalize_block`], compiled for the instruction set of `L`.
 #[inline(always)]
+#[expect(clippy::extra_unused_type_parameters, reason = "it selects the instruction set")]
 fn orthonormalize_rows<L: Lane>(rows: &mut [f32], size: usize) {
     // No closures: they would not be compiled for the instruction set.
     for i in 0..rows.len() / size {
