@@ -61,8 +61,8 @@ pub(crate) fn by_strand(panels: &[Row<f32>], to: &mut [f32]) {
     }
 }
 
-/// Panels of 64 strands to B of a weight's gradient, the matrix `[64, units]` in panels of 16 units:
-/// `[units / 16, 64]` rows. What is after the last unit stays as it is.
+/// Panels of 64 strands to B of a weight's gradient, the matrix `[64, units]` in panels of 16
+/// units: `[units / 16, 64]` rows. What is after the last unit stays as it is.
 pub(crate) fn units_in_lanes(panels: &[Row<f32>], to: &mut [Row<f32>]) {
     const BLOCK: usize = 4;
     let units = panels.len() / PANELS;
