@@ -32,7 +32,7 @@ const SIZES: [usize; 7] = [INPUTS, 256, 256, CODE, 256, 256, INPUTS];
 pub(crate) const ENCODER: usize = 3;
 /// Layers of both.
 const LAYERS: usize = SIZES.len() - 1;
-/// Strands of a step: whole packets, for all strands of a packet count.
+/// Strands of a step. The gradient counts all 64 strands of a packet, so packets must be full.
 const BATCH: usize = 256;
 const _: () = assert!(BATCH.is_multiple_of(PACKET));
 

@@ -22,7 +22,7 @@ use rayon::prelude::*;
 #[derive(Clone, Debug)]
 pub struct Strands {
     count: usize,
-    /// The first layer's sums of 16 strands after the other, whole packets: `[width]` rows each.
+    /// The first layer's sums: `[width]` rows for every 16 strands, padded to whole packets.
     sums: Panels,
     /// Roots and edges at rest, cm, a row of strands after the other: `[25, 3]` rows.
     rest: Panels,
@@ -67,16 +67,14 @@ impl Predictor {
     /// # Panics
     /// If this processor does not support `simd`.
     pub fn new(network: &Network<f32>, basis: &Basis, simd: Simd) -> Result<Self, LengthError> {
-        let mut own = Self::displacing(network, simd)?;
-        own.head = OutputHead::Rotation;
+        let mut folded = network.clone();
         // The last layer and its bias.
         for range in &network.shape().ranges()[5..] {
-            for row in own.network.parameters_mut()[range.clone()].chunks_exact_mut(OUTPUTS) {
+            for row in folded.parameters_mut()[range.clone()].chunks_exact_mut(OUTPUTS) {
                 fold(row, basis);
             }
         }
-        own.tiles = tiles(&own.network);
-        Ok(own)
+        Self::with_head(OutputHead::Rotation, folded, simd)
     }
 
     /// A predictor of `network` with the displacement head.
@@ -87,14 +85,19 @@ impl Predictor {
     /// # Panics
     /// If this processor does not support `simd`.
     pub fn displacing(network: &Network<f32>, simd: Simd) -> Result<Self, LengthError> {
+        Self::with_head(OutputHead::Displacement, network.clone(), simd)
+    }
+
+    fn with_head(head: OutputHead, network: Network<f32>, simd: Simd) -> Result<Self, LengthError> {
         let found = network.shape().outputs;
         if found != OUTPUTS {
             return Err(LengthError { expected: OUTPUTS, found });
         }
         let simd = simd.resolve();
         assert!(simd.is_supported(), "{simd:?} is not supported by this processor");
-        let tiles = tiles(network);
-        Ok(Self { simd, head: OutputHead::Displacement, network: network.clone(), tiles })
+        let [.., hidden, _, output, _] = network.parts();
+        let tiles = [tile_by_tile(hidden, network.shape().width), tile_by_tile(output, OUTPUTS)];
+        Ok(Self { simd, head, network, tiles })
     }
 
     /// What the network's outputs are.
@@ -189,12 +192,6 @@ impl Predictor {
         let factors = Factors { a: output, columns: OUTPUTS, b: second };
         product(self.simd, factors, Start::Bias(third_bias), outputs);
     }
-}
-
-/// The weights of the second and of the last layer, tile by tile.
-fn tiles(network: &Network<f32>) -> [Vec<f32>; 2] {
-    let [.., hidden, _, output, _] = network.parts();
-    [tile_by_tile(hidden, network.shape().width), tile_by_tile(output, OUTPUTS)]
 }
 
 /// Roots and edges of strands at rest, whole packets, a row of strands after the other: `[25, 3]`

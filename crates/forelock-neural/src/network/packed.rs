@@ -48,7 +48,7 @@ pub fn is_even(lengths: &[f64]) -> bool {
 /// What the network needs of the strands of a simulation: computed once a groom.
 #[derive(Clone, Debug)]
 pub struct PackedStrands {
-    /// The first layer's sums of 16 strands after the other, whole packets: `[width]` rows each.
+    /// The first layer's sums: `[width]` rows for every 16 strands, padded to whole packets.
     sums: Vec<Row<f32>>,
     blocks: Vec<PackedBlock>,
     blends: Vec<Blend>,
@@ -86,8 +86,8 @@ impl PackedStrands {
         rows + size_of_val(&*self.blocks) + size_of_val(&*self.blends)
     }
 
-    /// The first layer's sums of strands with its bias, a block after the other, filled up to whole
-    /// packets: `[width]` rows each.
+    /// The first layer's sums of strands with its bias: `[width]` rows for each block, and for blocks
+    /// that pad the last packet to four.
     pub fn sums(&self) -> &[Row<f32>] {
         &self.sums
     }

@@ -170,9 +170,11 @@ pub(crate) fn to_tiles(a: &[f32], columns: usize, tiles: &mut [f32]) {
     for (tile, first) in tiles.chunks_exact_mut(rows * TILE).zip((0..columns).step_by(TILE)) {
         let used = TILE.min(columns - first);
         for (to, row) in tile.chunks_exact_mut(TILE).zip(a.chunks_exact(columns)) {
-            match row[first..first + used].try_into() {
-                Ok::<&[f32; TILE], _>(row) => to.copy_from_slice(row),
-                Err(_) => to[..used].copy_from_slice(&row[first..first + used]),
+            let row = &row[first..first + used];
+            // Whole tiles have a size that the compiler knows.
+            match row.as_array::<TILE>() {
+                Some(row) => to.copy_from_slice(row),
+                None => to[..used].copy_from_slice(row),
             }
         }
     }
@@ -376,7 +378,7 @@ mod tests {
             let mut tiles = vec![0.0; size_by_tiles(PACKET, units)];
             strands_by_tiles(&panels, &mut tiles);
             assert_eq!(tiles, tile_by_tile(&strands, units), "{units}");
-            let mut lanes = vec![Row::zeroed(); units.div_ceil(LANES) * PACKET];
+            let mut lanes = zero_unit_panels(units);
             units_in_lanes(&panels, &mut lanes);
             assert_eq!(lanes, in_panels(&strands, units), "{units}");
         }

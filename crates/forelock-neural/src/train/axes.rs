@@ -2,7 +2,7 @@
 
 use super::layers::weight_gradient;
 use crate::network::product::transpose;
-use forelock_core::lane::{Lane, Simd, on};
+use forelock_core::lane::Simd;
 
 /// Decay of the means of GGᵀ and GᵀG, in a step.
 const KEPT: f32 = 0.99;
@@ -126,7 +126,7 @@ fn off_identity(matrix: &[f32], size: usize) -> f32 {
 fn orthonormalize(simd: Simd, mut rows: &mut [f32], size: usize) {
     while !rows.is_empty() {
         let (block, rest) = rows.split_at_mut(rows.len().min(BLOCK * size));
-        (0..2).for_each(|_| orthonormalize_block(simd, block, size));
+        (0..2).for_each(|_| orthonormalize_block(block, size));
         if !rest.is_empty() {
             let [columns, of_rest] = [&*block, &*rest].map(|rows| transposed(rows, size));
             let along = product(simd, &columns, &of_rest, size);
@@ -138,57 +138,28 @@ fn orthonormalize(simd: Simd, mut rows: &mut [f32], size: usize) {
 }
 
 /// The same for few rows.
-fn orthonormalize_block(simd: Simd, rows: &mut [f32], size: usize) {
-    let simd = simd.resolve();
-    assert!(simd.is_supported(), "{simd:?} is not supported by this processor");
-    let run = on!(simd, orthonormalize_rows(rows: &mut [f32], size: usize));
-    // SAFETY: the instruction set is supported.
-    #[allow(unused_unsafe, clippy::allow_attributes, reason = "only instantiations with features are unsafe")]
-    unsafe {
-        run(rows, size);
-    }
-}
-
-/// [`orthonormalize_block`], compiled for the instruction set of `L`.
-#[inline(always)]
-#[expect(clippy::extra_unused_type_parameters, reason = "it selects the instruction set")]
-fn orthonormalize_rows<L: Lane>(rows: &mut [f32], size: usize) {
-    // No closures: they would not be compiled for the instruction set.
+fn orthonormalize_block(rows: &mut [f32], size: usize) {
     for i in 0..rows.len() / size {
         let (row, later) = rows[i * size..].split_at_mut(size);
         let over_norm = 1.0 / dot(row, row).sqrt().max(f32::MIN_POSITIVE);
-        for x in row.iter_mut() {
-            *x *= over_norm;
-        }
+        row.iter_mut().for_each(|x| *x *= over_norm);
         for other in later.chunks_exact_mut(size) {
             let along = dot(row, other);
-            for (x, axis) in other.iter_mut().zip(&*row) {
-                *x -= along * axis;
-            }
+            other.iter_mut().zip(&*row).for_each(|(x, axis)| *x -= along * axis);
         }
     }
 }
 
 /// The sum of products, in sixteen parts.
-#[inline(always)]
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     const PARTS: usize = 16;
     let mut sums = [0.0; PARTS];
     let ((a, a_last), (b, b_last)) = (a.as_chunks::<PARTS>(), b.as_chunks::<PARTS>());
     for (a, b) in a.iter().zip(b) {
-        for k in 0..PARTS {
-            sums[k] += a[k] * b[k];
-        }
+        sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
     }
-    let mut last = 0.0;
-    for (a, b) in a_last.iter().zip(b_last) {
-        last += a * b;
-    }
-    let mut sum = 0.0;
-    for own in sums {
-        sum += own;
-    }
-    sum + last
+    let last: f32 = a_last.iter().zip(b_last).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f32>() + last
 }
 
 #[cfg(test)]
@@ -220,24 +191,6 @@ pub(super) mod tests {
             rows[2 * size..3 * size].iter_mut().zip(&first).for_each(|(x, first)| *x = first + 1e-4 * *x);
             (0..2).for_each(|_| orthonormalize(Simd::Auto, &mut rows, size));
             assert!(off_orthonormal(&rows, size) < 2e-6, "{size}: {}", off_orthonormal(&rows, size));
-        }
-    }
-
-    /// What a training computes does not depend on how a block is compiled.
-    #[test]
-    fn blocks_of_rows_have_the_same_bits_on_every_instruction_set() {
-        let mut random = Random::new(5);
-        for size in [7, 64, 100] {
-            let rows: Vec<f32> = (0..size.min(BLOCK) * size).map(|_| random.normal() as f32).collect();
-            let on = |simd: Simd| {
-                let mut rows = rows.clone();
-                orthonormalize_block(simd, &mut rows, size);
-                rows
-            };
-            let expected = on(Simd::Scalar);
-            for simd in Simd::ALL.into_iter().filter(|simd| simd.is_supported()) {
-                assert_eq!(on(simd), expected, "{simd:?}, {size}");
-            }
         }
     }
 
