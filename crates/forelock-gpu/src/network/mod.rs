@@ -48,8 +48,8 @@ pub struct StrandNetwork<'a> {
     pub output_bias: &'a [f32],
     /// Whether outputs are displacements; else they are rotations.
     pub displaces: bool,
-    /// The first layer's sums of strands with its bias: `[256]` rows for each block of the model, and
-    /// for blocks that pad the last packet to four.
+    /// The first layer's sums of strands with its bias: `[256]` rows for each block of the model,
+    /// and for blocks that pad the last packet to four.
     pub sums: &'a [Row<f32>],
     /// For each block where its blends begin, one an edge; none where its edges are the network's.
     pub blend_starts: &'a [Option<u32>],

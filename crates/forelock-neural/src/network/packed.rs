@@ -86,8 +86,8 @@ impl PackedStrands {
         rows + size_of_val(&*self.blocks) + size_of_val(&*self.blends)
     }
 
-    /// The first layer's sums of strands with its bias: `[width]` rows for each block, and for blocks
-    /// that pad the last packet to four.
+    /// The first layer's sums of strands with its bias: `[width]` rows for each block, and for
+    /// blocks that pad the last packet to four.
     pub fn sums(&self) -> &[Row<f32>] {
         &self.sums
     }
