@@ -12,6 +12,7 @@
 pub mod air;
 pub mod body;
 pub mod collide;
+mod curve;
 pub mod frame;
 pub mod groom;
 pub mod interaction;

@@ -2,6 +2,7 @@
 
 use super::masses::MASS_RANGE;
 use super::strand_frame::rest_edges;
+use crate::curve::hilbert;
 use crate::groom::Groom;
 use crate::lane::{LANES, Real, Row};
 use crate::pose::Pose;
@@ -189,7 +190,7 @@ pub enum PackError {
     },
 }
 
-/// Numbers points along a Morton curve: points of similar number are close to each other.
+/// Numbers points along a [`hilbert`] curve.
 struct Nearness {
     low: [f64; 3],
     per_metre: f64,
@@ -214,11 +215,7 @@ impl Nearness {
         reason = "0 to 1023, and casts saturate"
     )]
     fn code<T: Real>(&self, x: &[T; 3]) -> u32 {
-        let spread = |c: usize| {
-            let bits = ((x[c].to_f64().unwrap_or(0.0) - self.low[c]) * self.per_metre) as u32;
-            (0..10).fold(0, |code, bit| code | (bits >> bit & 1) << (3 * bit))
-        };
-        spread(0) | spread(1) << 1 | spread(2) << 2
+        hilbert([0, 1, 2].map(|c| ((x[c].to_f64().unwrap_or(0.0) - self.low[c]) * self.per_metre) as u32))
     }
 }
 

@@ -19,7 +19,7 @@
 //! binds 128 MiB. Of an active segment the [`SLOTS`] contacts of the fastest approach are resolved,
 //! where the CPU resolves all; of those each segment keeps the first `per_segment` on both. Of
 //! contacts that approach about as fast as the slowest within the budget an evenly spread share is
-//! selected, where the CPU takes the first; the budget is that of the whole frame, where the CPU
+//! selected, another one than on the CPU; the budget is that of the whole frame, where the CPU
 //! keeps it slice by slice. A share is also selected of a run of more than `RUN_SEGMENTS` segments.
 //! A residual motion of more than 64 edges counts as 64 when the frame is cut into slices. Of a
 //! segment stretched by more than a quarter of its rest length only the middle may be found.
@@ -35,12 +35,8 @@ use crate::uniforms::{NO_EXTENT, ReportEntry, rigid};
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::frame::{Exchange, SPANS, Span};
-use forelock_core::interaction::contact::find_contacts::{
-    self, FEW, PIECE, PIECES, SEGMENT_CONTACTS, SLICES, search_edge,
-};
-use forelock_core::interaction::contact::{
-    self, ContactParams, ContactReport, RUN_SEGMENTS, histogram, mean_motion,
-};
+use forelock_core::interaction::contact::find_contacts::{self, FEW, SEGMENT_CONTACTS, SLICES, search_edge};
+use forelock_core::interaction::contact::{self, ContactParams, ContactReport, histogram, mean_motion};
 use forelock_core::interaction::contact::{hold_hair, resolve_contacts};
 use forelock_core::lane::{LANES, Row};
 use glam::{Mat4, UVec3, Vec3};
@@ -54,6 +50,13 @@ const FOUND: u32 = 512;
 const QUEUE: u32 = 512;
 /// Workgroups that share the active segments.
 const PAIR_GROUPS: u32 = 2048;
+/// Maximum length of an entry of the table of cells, over the length that the search is made for.
+/// Longer segments are split into pieces of equal length, with one entry each.
+const PIECE: f32 = 1.25;
+/// Maximum number of pieces of a segment.
+const PIECES: f32 = 256.0;
+/// Maximum number of segments in a row of cells against which an active segment is tested.
+const RUN_SEGMENTS: u32 = 4096;
 /// Half of a piece that is stretched by a quarter, over the length that the search is made for.
 const HALF_PIECE: f32 = 0.5 * 1.25 * PIECE;
 /// Rows of `work` a place that hold displacements.
@@ -92,7 +95,7 @@ const PAIR_CONSTANTS: &[Constant] = &[
     Constant::u32("SLOTS", SLOTS),
     Constant::u32("FOUND", FOUND),
     Constant::u32("QUEUE", QUEUE),
-    Constant::u32("RUN_SEGMENTS", RUN_SEGMENTS as u32),
+    Constant::u32("RUN_SEGMENTS", RUN_SEGMENTS),
     Constant::f32("FOLLOW_CLOSE", find_contacts::CLOSE),
     Constant::f32("REST_SHARE", find_contacts::REST_SHARE),
 ];

@@ -90,12 +90,6 @@ impl Displacements {
         self.end(p) - self.start(p)
     }
 
-    /// The position of particle `p` at a fraction of the frame.
-    #[inline]
-    pub fn at(&self, p: usize, fraction: f32) -> Vec3 {
-        self.start(p) + fraction * self.of(p)
-    }
-
     /// Positions of the particles of a place at the start and at the end of the frame.
     #[inline]
     pub fn place(&self, place: usize) -> [&Place; 2] {
@@ -107,13 +101,6 @@ impl Displacements {
     pub fn residual_of_segment(&self, a: usize) -> f32 {
         let [lower, upper] = [0, 1].map(|k| self.residual_motion[a / LANES + k].0[a % LANES]);
         lower.max(upper)
-    }
-
-    /// Whether two segments belong to the same strand.
-    #[inline]
-    pub fn same_strand(&self, a: u32, b: u32) -> bool {
-        let (a, b) = (a as usize, b as usize);
-        a % LANES == b % LANES && self.block[a / LANES] == self.block[b / LANES]
     }
 }
 

@@ -27,9 +27,9 @@ const TASK: usize = 512;
 pub const EVERY: usize = 8;
 
 /// 2²³: float32 from there on are whole, and below twice that their last bits are the excess.
-pub(super) const ROUNDER: f32 = 8_388_608.0;
+const ROUNDER: f32 = 8_388_608.0;
 /// The bits of that excess.
-pub(super) const MANTISSA: u32 = (1 << 23) - 1;
+const MANTISSA: u32 = (1 << 23) - 1;
 
 /// Trilinear field of displacements a frame, on a grid of nodes.
 #[derive(Debug, Default)]
@@ -73,11 +73,6 @@ impl LargestResiduals {
     /// No particle of a smaller residual motion is selected, metres.
     pub fn floor(&self) -> f32 {
         self.least.max(self.last_bin.floor())
-    }
-
-    /// All particles of a larger residual motion are selected, metres.
-    pub fn bound(&self) -> f32 {
-        self.least.max(self.last_bin.bound())
     }
 
     /// Whether the particle `a` with the given residual motion is selected; of the last bin an

@@ -17,9 +17,10 @@
 //! and [`ContactParams::budget`] bounds the work. Slower hair is held by friction ([`hold_hair`]).
 //!
 //! # Limitations
-//! There is no self-collision of strands. A segment is tested against a bounded number of others,
-//! on a GPU against [`RUN_SEGMENTS`] in a row of cells; where hair is denser, the rest is left to
-//! the grid.
+//! There is no self-collision of strands. Sixteen neighbouring segments are tested against about
+//! [`find_contacts::MOST_NEAR`] active ones at most; on a GPU each active segment is tested against
+//! a bounded number of segments in a row of cells. Where hair is denser, the rest is left to the
+//! grid.
 
 mod displacements;
 mod exchange;
@@ -50,9 +51,6 @@ pub const WGSL: &str = include_str!("contact.wgsl");
 /// too.
 pub const TABLE_WGSL: &str = include_str!("table.wgsl");
 
-/// Maximum number of segments in a row of cells against which a GPU tests one segment; the CPU
-/// tests it against about eight times as many in all.
-pub const RUN_SEGMENTS: usize = 4096;
 /// Marks a missing segment or particle.
 pub(crate) const NONE: u32 = u32::MAX;
 

@@ -71,12 +71,6 @@ impl<'a, T: Real> Follower<'a, T> {
         Self { model, displacements, slice, come_near: come_near_for(simd) }
     }
 
-    /// Whether two segments belong to the same strand.
-    #[inline]
-    pub fn is_one_strand(&self, a: u32, b: u32) -> bool {
-        self.displacements.same_strand(a, b)
-    }
-
     /// Adds the contacts of `pairs`, segments of different strands with the lower number first, to
     /// `found`.
     pub fn follow(&self, pairs: &[[u32; 2]], paths: &mut Paths, found: &mut Vec<Contact>) {

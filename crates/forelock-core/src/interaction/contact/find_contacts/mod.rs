@@ -9,26 +9,27 @@
 //! # Practice
 //! A frame is divided into up to four time slices. Their number is chosen so that in each slice the
 //! residual motion of typical hair is shorter than an edge, and that of all but one in 512
-//! particles is shorter than two edges. In the middle of a slice each active segment is bounded by
-//! a capsule, and so is each other segment near one (`marks`): their margin, or reach, is half the
-//! contact distance and half the residual motion in the slice. The capsules are sorted along a
-//! space-filling curve into groups of sixteen, with a tree of boxes over them (`tree`). An active
-//! segment visits the groups whose boxes touch its own, and is tested against sixteen segments at a
-//! time: first whether capsule and ball touch, then whether the segments approach and pass each
-//! other closely, then whether their distance exceeds their displacements along the line between
-//! them (`pairs`). The few that remain are advanced through the slice conservatively, in steps that
-//! their distance allows (`follow`). All of this runs in parallel; the order of contacts does not
-//! depend on the number of threads.
+//! particles is shorter than two edges. In the middle of a slice each segment is bounded by a
+//! capsule: its margin, or reach, is half the contact distance and half the residual motion in the
+//! slice. The active segments are sorted along a space-filling curve, with a tree of boxes over
+//! them (`tree`). All other segments need no sorting, since neighbouring strands lie side by side
+//! in the lanes of a row: the bounds of sixteen segments (`rows`) select the active segments near
+//! them from the tree. Each of these is tested against the sixteen at a time: first whether they
+//! pass each other closely, then whether they approach and capsule and ball touch, then whether
+//! their distance exceeds their displacements along the line between them (`pairs`). The few that
+//! remain are advanced through the slice conservatively, in steps that their distance allows
+//! (`follow`). All of this runs in parallel; the order of contacts does not depend on the number of
+//! threads.
 
-mod cells;
 mod chunk;
 mod follow;
-mod marks;
 mod pairs;
+mod rows;
 mod tree;
 
-pub use chunk::{PIECE, PIECES, REACH};
+pub use chunk::REACH;
 pub use follow::{CLOSE, REST_SHARE, STEPS};
+pub use tree::MOST_NEAR;
 
 use crate::interaction::contact::{
     Contact, ContactParams, Displacements, Histogram, LargestResiduals, MeanMotion,
@@ -36,12 +37,11 @@ use crate::interaction::contact::{
 use crate::lane::Real;
 use crate::lane::Simd;
 use crate::strands::Model;
-use cells::Cells;
-use chunk::{CHUNKS, Chunk, Motion};
+use chunk::Chunk;
 use follow::Follower;
-use marks::Marks;
-use pairs::Entry;
+use pairs::{Entry, Search};
 use rayon::prelude::*;
+use rows::Motion;
 use std::cmp::Ordering;
 use tree::Tree;
 
@@ -54,8 +54,6 @@ pub const PAIRS_WGSL: &str = include_str!("pairs.wgsl");
 /// WGSL that selects contacts within the budget and creates their joints.
 pub const BUDGET_WGSL: &str = include_str!("budget.wgsl");
 
-/// Side of the cells that are marked near active segments, relative to [`search_edge`].
-const CELL: f32 = 1.0;
 /// Minimum length scale of the search, relative to the contact distance.
 const EDGE_PER_DISTANCE: f64 = 8.0;
 /// Maximum number of slices of a frame.
@@ -74,11 +72,11 @@ pub(crate) struct Finder {
     /// See [`search_edge`].
     edge: f32,
     simd: Simd,
-    test: pairs::Test,
     chunks: Vec<Chunk>,
-    /// The active segments and those near them.
+    /// The active segments.
     tree: Tree,
-    marks: Marks,
+    /// A buffer of active segments.
+    active: Vec<Entry>,
     found: Vec<Contact>,
     approaches: Histogram,
 }
@@ -124,11 +122,10 @@ impl Finder {
     pub fn new<T: Real>(model: &Model<T>, params: &ContactParams, simd: Simd) -> Self {
         Self {
             edge: search_edge(model, params),
-            simd,
-            test: pairs::test_for(simd),
+            simd: simd.resolve(),
             chunks: chunk::chunks(model),
             tree: Tree::default(),
-            marks: Marks::default(),
+            active: Vec::new(),
             found: Vec::new(),
             approaches: Histogram::default(),
         }
@@ -137,7 +134,7 @@ impl Finder {
     pub fn bytes(&self) -> usize {
         let chunks: usize = self.chunks.iter().map(Chunk::bytes).sum();
         let found = self.found.capacity() * size_of::<Contact>() + self.approaches.bytes();
-        chunks + self.tree.bytes() + self.marks.bytes() + found
+        chunks + self.tree.bytes() + self.active.capacity() * size_of::<Entry>() + found
     }
 
     /// Finds the contacts of active segments in the frame, slice by slice. A pair may appear once
@@ -155,36 +152,25 @@ impl Finder {
         let Some((slice, slices)) = self.first_slice(model, params, dt_secs, mean_motion) else {
             return;
         };
-        let cells = Cells::around(mean_motion.extent, CELL * self.edge);
-        // Longer segments are in several pieces, or looked at one by one.
-        let longest = (1.01 * displacements.longest).min(PIECE * self.edge);
+        let (segments, search_place) =
+            (pairs::compute_segments_for(self.simd), pairs::search_place_for(self.simd));
         for k in 0..slices {
             let span = [k, k + 1].map(|k| k as f32 / slices as f32);
             let slice = Slice { span, ..slice };
-            let motion = Motion { displacements, slice: &slice, cells: &cells, edge: self.edge };
+            let motion = Motion { displacements, slice: &slice, extent: mean_motion.extent, edge: self.edge };
             let chunks = &mut self.chunks;
-            chunks.par_iter_mut().for_each(|chunk| chunk.insert_active(model, &motion));
-            if chunks.iter().all(Chunk::has_no_active) {
+            chunks.par_iter_mut().for_each(|chunk| chunk.collect_active(model, &motion, segments));
+            let lists = chunks.iter().map(|chunk| &*chunk.active);
+            self.tree.build(lists, mean_motion.extent, &mut self.active);
+            if self.tree.entries.is_empty() {
                 continue;
             }
-            let widest_other = 0.5 * longest + slice.reach(slice.active.bound(), false, self.edge);
-            self.marks.fit(&cells);
-            let marks = &self.marks;
-            chunks.par_iter().for_each(|chunk| chunk.mark(widest_other, marks));
-            let near = [longest, widest_other];
-            let rows = chunk::near_rows_for(self.simd);
-            chunks.par_iter_mut().for_each(|chunk| chunk.insert_others(model, &motion, marks, near, rows));
-            let has_pieces = chunks.iter().any(|chunk| chunk.has_pieces);
-            let mut lists: [&[Entry]; 2 * CHUNKS] = [&[]; 2 * CHUNKS];
-            let filled = chunks.iter().flat_map(|chunk| [&*chunk.active, &*chunk.others]);
-            lists.iter_mut().zip(filled).for_each(|(list, filled)| *list = filled);
-            self.tree.build(&lists, mean_motion.extent);
-            let (tree, test) = (&self.tree, self.test);
             // Less, for rounding.
-            let limits = [slice.distance, 0.999 * slice.length() * slice.slip];
+            let slip = 0.999 * slice.length() * slice.slip;
+            let search = Search { motion, tree: &self.tree, slip };
             let follower = Follower::new(model, displacements, &slice, self.simd);
             chunks.par_iter_mut().for_each(|chunk| {
-                chunk.search(tree, has_pieces, test, limits, budget, &follower);
+                chunk.search(model, &search, search_place, budget, &follower);
             });
             for chunk in chunks {
                 self.found.extend_from_slice(&chunk.found);
@@ -239,8 +225,9 @@ pub fn search_edge<T: Real>(model: &Model<T>, params: &ContactParams) -> f32 {
     f64::max(sum / f64::max(edges, 1.0), EDGE_PER_DISTANCE * params.distance) as f32
 }
 
-/// Keeps the `most` contacts with the largest approach; of contacts with equal approach, the first.
-/// `approaches` is a buffer.
+/// Keeps the `most` contacts with the largest approach; of those in the last bin of the histogram an
+/// evenly spread share, since contacts that follow each other lie side by side. `approaches` is a
+/// buffer.
 fn keep_fastest(found: &mut Vec<Contact>, most: usize, approaches: &mut Histogram) {
     if found.len() <= most {
         return;
@@ -248,14 +235,14 @@ fn keep_fastest(found: &mut Vec<Contact>, most: usize, approaches: &mut Histogra
     approaches.clear();
     found.iter().for_each(|contact| approaches.add(contact.approach));
     let last = approaches.cutoff(most);
-    let mut room = last.selected;
+    let mut seen = 0;
     found.retain(|contact| match last.compare(contact.approach) {
         Ordering::Greater => true,
         Ordering::Less => false,
         Ordering::Equal => {
-            let fits = room > 0;
-            room -= usize::from(fits);
-            fits
+            let selected = |seen: usize| seen * last.selected / last.count;
+            seen += 1;
+            selected(seen) > selected(seen - 1)
         }
     });
 }

@@ -1,18 +1,19 @@
-//! Tests one segment against many candidates at a time.
+//! Tests the segments of a row against the active segments near it.
 
+use super::follow::CLOSE;
+use super::rows::{Bounds, EntryRows, Motion, Particles, join};
 use super::tree::Tree;
-use crate::lane::{LANES, Lane, Row, V3};
-use crate::lane::{Simd, on};
+use crate::lane::{LANES, Lane, Simd, V3, on};
+use crate::scratch::fill;
+use crate::strands::Block;
 use glam::Vec3;
+use std::cmp::Ordering;
 
-/// Flag in the number of an active segment.
-pub(crate) const ACTIVE: u32 = 1 << 31;
-
-/// A segment, or a piece of one, in the middle of a slice; a line of the cache. Metres.
+/// A segment in the middle of a slice; a line of the cache. Metres.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(64))]
 pub(crate) struct Entry {
-    /// Number of the segment, with the flag [`ACTIVE`].
+    /// Number of the segment.
     pub segment: u32,
     pub middle: Vec3,
     /// From the centre to the upper end.
@@ -21,8 +22,6 @@ pub(crate) struct Entry {
     pub inverse: f32,
     /// Half the contact distance, and half the residual motion in the slice, up to a bound.
     pub reach: f32,
-    /// Radius of a ball around the centre: half the length, and `reach`.
-    pub radius: f32,
     /// Mean of the displacements of both ends in the slice.
     pub displacement: Vec3,
     /// Distance of the displacements of the ends from their mean.
@@ -31,81 +30,228 @@ pub(crate) struct Entry {
 
 /// 2, and a margin for rounding.
 const NEAR: f32 = 2.01;
-
-/// Rows of the ball of an entry, which is tested first: its centre and radius.
-pub(super) const BALL: usize = 4;
-/// Rows of the rest of an entry.
-pub(super) const REST: usize = 9;
+/// Contact distance with twice the tolerance of a contact, relative to it.
+const WIDER: f32 = 1.0 + 2.0 * CLOSE;
+/// Margin of a difference of squares, relative to them, for rounding.
+const ROUNDING: f32 = 1e-6;
 
 impl Entry {
-    /// The centre and the radius.
-    #[inline(always)]
-    pub fn ball(&self) -> [f32; BALL] {
-        [self.middle.x, self.middle.y, self.middle.z, self.radius]
-    }
-
     /// Bounds of the positions of its points in the middle of the slice, and of their displacements
-    /// in it: lower and upper corners.
-    #[inline(always)]
-    pub fn bounds(&self) -> [[Vec3; 2]; 2] {
+    /// in it.
+    pub fn bounds(&self) -> Bounds {
         let half = self.half.abs();
         [
             [self.middle - half, self.middle + half],
             [self.displacement - self.spread, self.displacement + self.spread],
         ]
     }
+}
 
-    /// All other fields except the number.
-    #[inline(always)]
-    pub fn rest(&self) -> [f32; REST] {
-        let (half, displacement) = (self.half.to_array(), self.displacement.to_array());
-        let ([a, b, c], [d, e, f]) = (half, displacement);
-        [a, b, c, self.inverse, d, e, f, self.spread, self.reach]
+/// What the search of a slice needs.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Search<'a> {
+    pub motion: Motion<'a>,
+    pub tree: &'a Tree,
+    /// Approach in the slice that is ignored, metres.
+    pub slip: f32,
+}
+
+/// Buffers of the search in a chunk.
+#[derive(Debug, Default)]
+pub(super) struct RowBuffers {
+    /// The particles of two places one after the other. In a search those of an even place come
+    /// first.
+    particles: [Particles; 2],
+    pub segments: EntryRows,
+    /// Active segments near a row.
+    near: Vec<u32>,
+    candidates: Vec<Candidate>,
+    /// Pairs of segments that are not followed yet, the lower number first.
+    pub pairs: Vec<[u32; 2]>,
+}
+
+impl RowBuffers {
+    pub fn bytes(&self) -> usize {
+        4 * self.near.capacity() + 8 * (self.candidates.capacity() + self.pairs.capacity())
     }
 }
 
-/// Collects the segments that may touch an active segment in the slice, given one piece of it; the
-/// third argument are the contact distance, and the approach in the slice that is ignored, metres.
-/// Of active candidates only those of a smaller radius are collected, so each pair appears once, or
-/// once for each pair of pieces.
+/// Adds the pairs of active segments and the segments that end at the particles of a place that may
+/// touch in the slice. The places of a block are passed one after the other.
 ///
 /// # Safety
 /// The processor must support the instruction set of the function.
-pub(super) type Test = unsafe fn(&Tree, &Entry, [f32; 2], &mut Vec<u32>);
+pub(super) type SearchPlace = unsafe fn(&Search<'_>, &Block, usize, &mut RowBuffers);
 
-/// The test for `simd`, or the portable one if `simd` is not supported.
+/// The function for `simd`, or the portable one if `simd` is not supported.
 #[inline(never)]
-pub(super) fn test_for(simd: Simd) -> Test {
+pub(super) fn search_place_for(simd: Simd) -> SearchPlace {
     let simd = if simd.is_supported() { simd } else { Simd::Portable };
-    on!(simd, test(tree: &Tree, entry: &Entry, limits: [f32; 2], near: &mut Vec<u32>))
+    on!(simd, search_place(search: &Search<'_>, block: &Block, place: usize, buffers: &mut RowBuffers))
 }
 
 #[inline(always)]
-fn test<L: Lane<Scalar = f32>>(tree: &Tree, entry: &Entry, [distance, slip]: [f32; 2], near: &mut Vec<u32>) {
-    let a = EntryLanes::<L>::splat(entry);
-    let (wide, slip) = (L::splat(distance), L::splat(slip));
-    tree.groups::<L>(entry, distance, |group| {
-        let balls = &tree.balls[group];
-        for lane in (0..LANES).step_by(L::WIDTH) {
-            let mut bits = balls_touch(&a, balls, lane);
-            if bits != 0 {
-                let b = EntryLanes::load(balls, &tree.rest[group], lane);
-                bits &= may_approach(&a, &b, slip) & lines_pass(&a, &b);
-                if bits != 0 {
-                    bits &= may_touch(&a, &b, wide);
-                }
-            }
-            while bits != 0 {
-                let k = lane + bits.trailing_zeros() as usize;
-                bits &= bits - 1;
-                let (other, radius) = (tree.segments[group][k], balls[3].0[k]);
-                let own = other & !ACTIVE;
-                if own == other || (radius, other) < (entry.radius, entry.segment) {
-                    near.push(own);
-                }
-            }
+fn search_place<L: Lane<Scalar = f32>>(
+    search: &Search<'_>,
+    block: &Block,
+    place: usize,
+    buffers: &mut RowBuffers,
+) {
+    let Search { motion, tree, slip } = search;
+    let [even, odd] = &mut buffers.particles;
+    let (lower, upper) = if place % 2 == 0 { (odd, even) } else { (even, odd) };
+    upper.compute::<L>(motion, place, block.live);
+    let counted = lower.counted & upper.counted;
+    if place == block.first || counted == 0 {
+        return;
+    }
+    let place = place - 1;
+    let residual = lower.residual.max(upper.residual);
+    let may_be_active = residual >= motion.slice.active.floor();
+    let reach = motion.slice.reach(residual, may_be_active, motion.edge);
+    let distance = motion.slice.distance;
+    let bounds = join(&lower.bounds, &upper.bounds);
+    tree.collect_near::<L>(&bounds, reach, [distance, *slip], &mut buffers.near);
+    if buffers.near.is_empty() {
+        return;
+    }
+    let active = if may_be_active { motion.active_lanes(place, block.live) } else { 0 };
+    let rows = &mut buffers.segments;
+    rows.compute::<L>(motion, [lower, upper], place, active);
+    keep_near::<L>(tree, rows, &buffers.near, &mut buffers.candidates);
+    let own = OwnRow { place, counted, active, block };
+    keep_approaching::<L>(tree, rows, &own, *slip, &mut buffers.candidates);
+    for &Candidate { entry, lanes: mut bits } in &buffers.candidates {
+        let entry = &tree.entries[entry as usize];
+        bits &= may_touch_row::<L>(&EntryLanes::splat(entry), rows, WIDER * distance);
+        while bits != 0 {
+            let other = (LANES * place) as u32 + bits.trailing_zeros();
+            bits &= bits - 1;
+            buffers.pairs.push([entry.segment.min(other), entry.segment.max(other)]);
         }
-    });
+    }
+}
+
+/// An active segment, and the bits of the lanes of a row that it may touch.
+#[derive(Clone, Copy, Debug, Default)]
+struct Candidate {
+    entry: u32,
+    lanes: u32,
+}
+
+/// A row of segments.
+#[derive(Debug)]
+struct OwnRow<'a> {
+    place: usize,
+    /// Bits of the lanes that are looked at, and of those that are active.
+    counted: u32,
+    active: u32,
+    block: &'a Block,
+}
+
+impl OwnRow<'_> {
+    /// Bits of the lanes with which the pairs of an active segment count: each pair of active
+    /// segments once, none of one strand.
+    #[inline(always)]
+    fn wanted(&self, segment: u32) -> u32 {
+        let (place, lane) = (segment as usize / LANES, segment as usize % LANES);
+        let before = match self.place.cmp(&place) {
+            Ordering::Less => self.active,
+            Ordering::Equal => self.active & ((1 << lane) - 1),
+            Ordering::Greater => 0,
+        };
+        let strand = u32::from(self.block.range().contains(&place)) << lane;
+        self.counted & !before & !strand
+    }
+}
+
+/// Collects those of the active segments `near` a row whose lines pass near some of its segments.
+#[inline(always)]
+fn keep_near<L: Lane<Scalar = f32>>(
+    tree: &Tree,
+    rows: &EntryRows,
+    near: &[u32],
+    candidates: &mut Vec<Candidate>,
+) {
+    fill(candidates, near.len(), Candidate::default());
+    let mut count = 0;
+    for &entry in near {
+        let a = EntryLanes::<L>::splat(&tree.entries[entry as usize]);
+        let mut lanes = 0;
+        for first in (0..LANES).step_by(L::WIDTH) {
+            lanes |= lines_pass(&a, &EntryLanes::load(rows, first)) << first;
+        }
+        // No branch: half of them would be predicted wrongly.
+        candidates[count] = Candidate { entry, lanes };
+        count += usize::from(lanes != 0);
+    }
+    candidates.truncate(count);
+}
+
+/// Keeps the `candidates` whose balls some segments of the row touch, which approach them by more
+/// than `slip`.
+#[inline(always)]
+fn keep_approaching<L: Lane<Scalar = f32>>(
+    tree: &Tree,
+    rows: &EntryRows,
+    own: &OwnRow<'_>,
+    slip: f32,
+    candidates: &mut Vec<Candidate>,
+) {
+    let slip = L::splat(slip);
+    let mut count = 0;
+    for k in 0..candidates.len() {
+        let Candidate { entry, lanes } = candidates[k];
+        let of = &tree.entries[entry as usize];
+        let a = EntryLanes::<L>::splat(of);
+        let mut bits = 0;
+        for first in (0..LANES).step_by(L::WIDTH) {
+            let approach = may_approach(&a, &EntryLanes::load(rows, first), slip);
+            bits |= (approach & balls_touch(&a, rows, first)) << first;
+        }
+        let lanes = lanes & bits & own.wanted(of.segment);
+        candidates[count] = Candidate { entry, lanes };
+        count += usize::from(lanes != 0);
+    }
+    candidates.truncate(count);
+}
+
+/// Bits of the lanes of a row whose segments may touch `a` in the slice.
+#[inline(always)]
+fn may_touch_row<L: Lane<Scalar = f32>>(a: &EntryLanes<L>, rows: &EntryRows, distance: f32) -> u32 {
+    let mut bits = 0;
+    for first in (0..LANES).step_by(L::WIDTH) {
+        bits |= may_touch(a, &EntryLanes::load(rows, first), L::splat(distance)) << first;
+    }
+    bits
+}
+
+/// Computes the segments of a place in `buffers`; those of the lanes in `active`, a set of bits, are
+/// active. Returns the bits of the lanes that are looked at.
+///
+/// # Safety
+/// The processor must support the instruction set of the function.
+pub(super) type ComputeSegments = unsafe fn(&Motion<'_>, [usize; 2], u32, &mut RowBuffers) -> u32;
+
+/// The function for `simd`, or the portable one if `simd` is not supported.
+#[inline(never)]
+pub(super) fn compute_segments_for(simd: Simd) -> ComputeSegments {
+    let simd = if simd.is_supported() { simd } else { Simd::Portable };
+    on!(simd, compute_segments(motion: &Motion<'_>, at: [usize; 2], active: u32, buffers: &mut RowBuffers) -> u32)
+}
+
+#[inline(always)]
+fn compute_segments<L: Lane<Scalar = f32>>(
+    motion: &Motion<'_>,
+    [place, live]: [usize; 2],
+    active: u32,
+    buffers: &mut RowBuffers,
+) -> u32 {
+    let [lower, upper] = &mut buffers.particles;
+    lower.compute::<L>(motion, place, live);
+    upper.compute::<L>(motion, place + 1, live);
+    buffers.segments.compute::<L>(motion, [lower, upper], place, active);
+    lower.counted & upper.counted
 }
 
 /// Entries, one in each lane, or one in all lanes.
@@ -121,36 +267,41 @@ struct EntryLanes<L> {
 
 impl<L: Lane<Scalar = f32>> EntryLanes<L> {
     #[inline(always)]
-    fn load(balls: &[Row<f32>; BALL], rest: &[Row<f32>; REST], first: usize) -> Self {
-        Self::from(|k| L::load(&balls[k], first), |k| L::load(&rest[k], first))
+    fn load(rows: &EntryRows, first: usize) -> Self {
+        Self {
+            middle: V3::load(&rows.middle, 0, first),
+            half: V3::load(&rows.half, 0, first),
+            inverse: L::load(&rows.inverse, first),
+            displacement: V3::load(&rows.displacement, 0, first),
+            spread: L::load(&rows.spread, first),
+            reach: L::load(&rows.reach, first),
+        }
     }
 
     #[inline(always)]
     fn splat(entry: &Entry) -> Self {
-        let (ball, rest) = (entry.ball(), entry.rest());
-        Self::from(|k| L::splat(ball[k]), |k| L::splat(rest[k]))
-    }
-
-    #[inline(always)]
-    fn from(ball: impl Fn(usize) -> L, rest: impl Fn(usize) -> L) -> Self {
         Self {
-            middle: V3([ball(0), ball(1), ball(2)]),
-            half: V3([rest(0), rest(1), rest(2)]),
-            inverse: rest(3),
-            displacement: V3([rest(4), rest(5), rest(6)]),
-            spread: rest(7),
-            reach: rest(8),
+            middle: splat(entry.middle),
+            half: splat(entry.half),
+            inverse: L::splat(entry.inverse),
+            displacement: splat(entry.displacement),
+            spread: L::splat(entry.spread),
+            reach: L::splat(entry.reach),
         }
     }
 }
 
+#[inline(always)]
+fn splat<L: Lane<Scalar = f32>>(x: Vec3) -> V3<L> {
+    V3([L::splat(x.x), L::splat(x.y), L::splat(x.z)])
+}
+
 /// The lanes whose balls are within reach of the segment `a`.
 #[inline(always)]
-fn balls_touch<L: Lane<Scalar = f32>>(a: &EntryLanes<L>, balls: &[Row<f32>; BALL], first: usize) -> u32 {
-    let row = |k: usize| L::load(&balls[k], first);
-    let r = V3([row(0), row(1), row(2)]) - a.middle;
+fn balls_touch<L: Lane<Scalar = f32>>(a: &EntryLanes<L>, rows: &EntryRows, first: usize) -> u32 {
+    let r = V3::load(&rows.middle, 0, first) - a.middle;
     let apart = r - a.half.scale(clamp(a.half.dot(r) * a.inverse));
-    let radius = a.reach + row(3);
+    let radius = a.reach + L::load(&rows.radius, first);
     L::bits(apart.dot(apart).lt(radius * radius))
 }
 
@@ -166,7 +317,8 @@ fn lines_pass<L: Lane<Scalar = f32>>(a: &EntryLanes<L>, b: &EntryLanes<L>) -> u3
     let half_across = b.half.dot(b.half) - ab * ab * a.inverse;
     let distance = a.reach + b.reach;
     let most = L::splat(NEAR) * (distance * distance + half_across.max(L::zero()));
-    L::bits(across.lt(most))
+    // More, for rounding: `across` is a difference.
+    L::bits(across.lt(L::splat(ROUNDING).mul_add(r.dot(r), most)))
 }
 
 /// The lanes whose segments may approach `a` by more than `slip` in the slice: no two points do by
@@ -175,7 +327,7 @@ fn lines_pass<L: Lane<Scalar = f32>>(a: &EntryLanes<L>, b: &EntryLanes<L>) -> u3
 fn may_approach<L: Lane<Scalar = f32>>(a: &EntryLanes<L>, b: &EntryLanes<L>, slip: L) -> u32 {
     let relative = a.displacement - b.displacement;
     let left = (slip - a.spread - b.spread).max(L::zero());
-    !L::bits(relative.dot(relative).lt(left * left))
+    !L::bits(relative.dot(relative).lt(left * left)) & u32::MAX >> (32 - L::WIDTH)
 }
 
 /// The lanes whose segments may touch `a` in the slice.
@@ -200,7 +352,7 @@ fn may_touch<L: Lane<Scalar = f32>>(a: &EntryLanes<L>, b: &EntryLanes<L>, distan
     let half = L::splat(0.5);
     let near = square.sqrt() * half.mul_add(a.spread + b.spread, distance);
     let near = half.mul_add(along.max(-along), near);
-    !L::bits(near.lt(square))
+    !L::bits(near.lt(square)) & u32::MAX >> (32 - L::WIDTH)
 }
 
 #[inline(always)]

@@ -51,7 +51,9 @@ fn may_touch(a: Course, b: Course) -> bool {
     let spread = 0.5 * share * (distance(a.displacement[0], a.displacement[1]) + distance(b.displacement[0], b.displacement[1]));
     let square = dot(near.r, near.r);
     let along = abs(dot(near.r, displacement_a - displacement_b));
-    return !(sqrt(square) * (contacts.distance + 0.5 * spread) + 0.5 * along < square);
+    // With the tolerance of a contact, and a margin.
+    let near_by = (1.0 + 2.0 * FOLLOW_CLOSE) * contacts.distance + 0.5 * spread;
+    return !(sqrt(square) * near_by + 0.5 * along < square);
 }
 
 // A contact of two segments.

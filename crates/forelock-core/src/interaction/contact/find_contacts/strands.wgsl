@@ -1,6 +1,6 @@
 // The search of contacts, strand by strand, one per thread: displacements of particles, mean
-// motion, entries of cells; the GPU counterpart of `contact::{displacements, mean_motion}` and of
-// `find_contacts::cells`.
+// motion, entries of cells; the GPU counterpart of `contact::{displacements, mean_motion}`. A CPU
+// has no cells: it looks up active segments in a tree.
 
 @compute @workgroup_size(WORKGROUP)
 fn record_start(@builtin(global_invocation_id) id: vec3u) {

@@ -34,6 +34,7 @@
 //! If more than K particles are within h, the farther ones are ignored: the density of hair that
 //! exceeds the capacity of the lists saturates.
 
+use crate::curve::spread;
 use crate::interaction::sph::Fluid;
 use crate::lane::{LANES, Lane, Real, Row};
 use crate::lane::{Simd, on};
@@ -171,16 +172,6 @@ fn cell<T: Real>(x: &[T; 3], h: T) -> [i32; 3] {
 #[inline(always)]
 fn bucket([x, y, z]: [i32; 3], buckets: usize) -> u32 {
     (spread(x as u32) | spread(y as u32) << 1 | spread(z as u32) << 2) & (buckets as u32 - 1)
-}
-
-/// Spreads the lowest ten bits of a number to every third bit.
-#[inline(always)]
-const fn spread(number: u32) -> u32 {
-    let mut bits = number & 0x3ff;
-    bits = (bits | bits << 16) & 0x0300_00ff;
-    bits = (bits | bits << 8) & 0x0300_f00f;
-    bits = (bits | bits << 4) & 0x030c_30c3;
-    (bits | bits << 2) & 0x0924_9249
 }
 
 impl<T: SearchReal> Neighbours<T> {
