@@ -99,7 +99,7 @@ fn search_place<L: Lane<Scalar = f32>>(
 ) {
     let Search { motion, tree, slip } = search;
     let [even, odd] = &mut buffers.particles;
-    let (lower, upper) = if place % 2 == 0 { (odd, even) } else { (even, odd) };
+    let (lower, upper) = if place.is_multiple_of(2) { (odd, even) } else { (even, odd) };
     upper.compute::<L>(motion, place, block.live);
     let counted = lower.counted & upper.counted;
     if place == block.first || counted == 0 {

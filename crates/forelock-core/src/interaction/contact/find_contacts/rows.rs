@@ -1,7 +1,5 @@
 //! The segments of a row, computed in lanes.
 
-#![expect(clippy::needless_range_loop, reason = "loops with one index for several arrays vectorise")]
-
 use super::Slice;
 use super::pairs::Entry;
 use crate::interaction::contact::Displacements;
