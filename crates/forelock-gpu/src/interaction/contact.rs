@@ -36,8 +36,9 @@ use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::frame::{Exchange, SPANS, Span};
 use forelock_core::interaction::contact::find_contacts::{self, FEW, SEGMENT_CONTACTS, SLICES, search_edge};
-use forelock_core::interaction::contact::{self, ContactParams, ContactReport, histogram, mean_motion};
-use forelock_core::interaction::contact::{hold_hair, resolve_contacts};
+use forelock_core::interaction::contact::{
+    self, ContactParams, ContactReport, histogram, hold_hair, mean_motion, resolve_contacts,
+};
 use forelock_core::lane::{LANES, Row};
 use glam::{Mat4, UVec3, Vec3};
 use wgpu::BufferUsages;
@@ -50,8 +51,8 @@ const FOUND: u32 = 512;
 const QUEUE: u32 = 512;
 /// Workgroups that share the active segments.
 const PAIR_GROUPS: u32 = 2048;
-/// Maximum length of an entry of the table of cells, over the length that the search is made for.
-/// Longer segments are split into pieces of equal length, with one entry each.
+/// Maximum length of an entry, over the length that the search is made for. Longer segments are
+/// split into pieces.
 const PIECE: f32 = 1.25;
 /// Maximum number of pieces of a segment.
 const PIECES: f32 = 256.0;

@@ -67,7 +67,8 @@ impl Chunk {
                 if active == 0 {
                     continue;
                 }
-                // SAFETY: `compute_segments_for` returns only functions that the processor supports.
+                // SAFETY: `compute_segments_for` returns only functions that the processor
+                // supports.
                 let counted =
                     unsafe { compute_segments(motion, [place, block.live], active, &mut self.buffers) };
                 let entry = |lane| self.buffers.segments.entry(place, lane);

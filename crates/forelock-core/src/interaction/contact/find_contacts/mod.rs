@@ -225,9 +225,9 @@ pub fn search_edge<T: Real>(model: &Model<T>, params: &ContactParams) -> f32 {
     f64::max(sum / f64::max(edges, 1.0), EDGE_PER_DISTANCE * params.distance) as f32
 }
 
-/// Keeps the `most` contacts with the largest approach; of those in the last bin of the histogram an
-/// evenly spread share, since contacts that follow each other lie side by side. `approaches` is a
-/// buffer.
+/// Keeps the `most` contacts with the largest approach; of those in the last bin of the histogram
+/// an evenly spread share, since contacts that follow each other lie side by side. `approaches` is
+/// a buffer.
 fn keep_fastest(found: &mut Vec<Contact>, most: usize, approaches: &mut Histogram) {
     if found.len() <= most {
         return;

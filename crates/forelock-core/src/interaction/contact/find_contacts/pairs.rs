@@ -226,8 +226,8 @@ fn may_touch_row<L: Lane<Scalar = f32>>(a: &EntryLanes<L>, rows: &EntryRows, dis
     bits
 }
 
-/// Computes the segments of a place in `buffers`; those of the lanes in `active`, a set of bits, are
-/// active. Returns the bits of the lanes that are looked at.
+/// Computes the segments of a place in `buffers`; those of the lanes in `active`, a set of bits,
+/// are active. Returns the bits of the lanes that are looked at.
 ///
 /// # Safety
 /// The processor must support the instruction set of the function.
