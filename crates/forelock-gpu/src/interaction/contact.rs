@@ -58,8 +58,6 @@ const PIECE: f32 = 1.25;
 const PIECES: f32 = 256.0;
 /// Maximum number of segments in a row of cells against which an active segment is tested.
 const RUN_SEGMENTS: u32 = 4096;
-/// Half of a piece that is stretched by a quarter, over the length that the search is made for.
-const HALF_PIECE: f32 = 0.5 * 1.25 * PIECE;
 /// Rows of `work` a place that hold displacements.
 const MOTION_ROWS: u64 = 4;
 /// Rows of bodies in `work` a place.
@@ -74,8 +72,8 @@ const CONSTANTS: &[Constant] = &[
     Constant::u32("BIN_BITS", histogram::BIN_BITS),
     Constant::u32("MOTION_ROWS", MOTION_ROWS as u32),
     Constant::u32("BODY_ROWS", BODY_ROWS as u32),
-    Constant::f32("PIECES", PIECES),
-    Constant::f32("HALF_PIECE", HALF_PIECE),
+    Constant::f32("PIECES", PIECES), // A piece may be stretched by a quarter.
+    Constant::f32("HALF_PIECE", 0.5 * 1.25 * PIECE),
     Constant::f32("REACH_ACTIVE", find_contacts::REACH[0]),
     Constant::f32("REACH_OTHER", find_contacts::REACH[1]),
     Constant::f32("FRICTION_SPACING", hold_hair::SPACING),
