@@ -72,8 +72,8 @@ const CONSTANTS: &[Constant] = &[
     Constant::u32("BIN_BITS", histogram::BIN_BITS),
     Constant::u32("MOTION_ROWS", MOTION_ROWS as u32),
     Constant::u32("BODY_ROWS", BODY_ROWS as u32),
-    Constant::f32("PIECES", PIECES), // A piece may be stretched by a quarter.
-    Constant::f32("HALF_PIECE", 0.5 * 1.25 * PIECE),
+    Constant::f32("PIECES", PIECES),
+    Constant::f32("HALF_PIECE", 0.5 * 1.25 * PIECE), // Pieces may be stretched by a quarter.
     Constant::f32("REACH_ACTIVE", find_contacts::REACH[0]),
     Constant::f32("REACH_OTHER", find_contacts::REACH[1]),
     Constant::f32("FRICTION_SPACING", hold_hair::SPACING),
