@@ -104,21 +104,17 @@ fn places(simulation: &Simulation) -> Vec<DVec3> {
         .collect()
 }
 
-/// Nothing moves any more where friction holds, though some pairs still press on each other. Which
-/// grooms come to rest within 20 s is chance: without sleep, in one of five some particles may
-/// still slip and stick, by less than a millimetre. Without friction a tenth of the hair does, by
-/// millimetres.
+/// Nothing moves any more where friction holds, in these grooms. Which ones come to rest within
+/// 20 s is chance: without sleep some particles of 145, 150 and 170 strands still slip and stick,
+/// by up to half a millimetre a frame. Without friction a tenth of the hair does, by millimetres.
 #[test]
 fn hair_with_contacts_comes_to_rest() {
-    let mut moving = 0;
     for strands in [120, 140, 160, 180, 200] {
         let course = settle(strands, 20, &ContactParams::default());
         let last = &course[19];
         println!("{strands} strands, in the last second: {last:?}");
-        assert!(course[1].contacts > 1000 && last.farthest < 100.0 * MOVING, "{strands}: {last:?}");
-        moving += usize::from(last.farthest >= MOVING);
+        assert!(course[1].contacts > 1000 && last.farthest < MOVING, "{strands}: {last:?}");
     }
-    assert!(moving <= 1, "{moving} of 5 grooms");
     let course = settle(150, 20, &ContactParams { hold: 0.0, slip: 0.01, ..ContactParams::default() });
     let last = &course[19];
     assert!(last.farthest > 20.0 * MOVING, "{last:?}");

@@ -107,7 +107,8 @@ fn all_pairs(
 
 #[test]
 fn the_search_finds_what_all_pairs_find() {
-    let mut random = Random(7);
+    // With this seed some contacts only graze.
+    let mut random = Random(3);
     for simd in Simd::ALL.into_iter().filter(|simd| simd.is_supported()) {
         for speed in [0.001, 0.005, 0.012, 0.001, 0.005, 0.012] {
             let model = tangle(&mut random);
@@ -119,7 +120,7 @@ fn the_search_finds_what_all_pairs_find() {
             finder.find(&model, &params, 1.0 / 60.0, &displacements, &mean_motion);
             let found = finder.found();
             let pairs: BTreeSet<_> = found.iter().map(|contact| contact.segments).collect();
-            assert!(pairs.len() > 20, "{speed}: {} pairs", pairs.len());
+            assert!(pairs.len() > 50, "{speed}: {} pairs", pairs.len());
             let missed = expected.difference(&pairs).count();
             assert_eq!(
                 (missed, pairs.difference(&expected).count()),
